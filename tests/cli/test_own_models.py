@@ -14,7 +14,7 @@ def run(tmp_path, monkeypatch, capsys, make_taps):
     """A function that runs a command beside a file of models and two sessions of taps, and returns what it says."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(source, "_registered", {})
-    for name, value in {"TRIED": 20, "STEPS": 40, "_WINDOW": 10, "RUNS": 1, "STARTS": 1}.items():
+    for name, value in {"_AT_ONCE": 20, "TRIED": 20, "STEPS": 40, "_WINDOW": 10, "RUNS": 1, "STARTS": 1}.items():
         monkeypatch.setattr(fits, name, value)
     Path("my_models.py").write_text((Path(__file__).parents[1] / "own_stories.py").read_text("utf-8"), "utf-8")
     taps = make_taps(J=6, K=3, repeats=4)

@@ -31,6 +31,7 @@ from .structure import OBSERVED, Structure, told_in
 STARTS, TRIED, STEPS, RUNS = 3, 200, 800, 5
 """Of a variational fit: random starts, steps of each, then steps of a run from the best one, and runs at most."""
 _RATE, _WINDOW = 0.03, 100
+_AT_ONCE = 50  # steps of one call of the compiled program; TRIED and STEPS are multiples of it
 _STILL, _PER_SAMPLE = 0.5, 1e-3  # change between windows in nats per tap, and per sample, whichever allows more
 _CENTRED = 200  # draws of a guide whose mean is taken
 _TRIES = 3  # draws from the prior at which a density is looked at
@@ -170,24 +171,28 @@ def _guided(fit: Fit, method: str) -> GuidePosterior:
     N, J, K = fit.samples.shape
     data = jax.numpy.asarray(fit.samples)
 
-    # Compiled as one program instead of one per operation. Guides keep tracers, of which they read only the shapes.
-    begin = jax.jit(lambda key: svi.init(key, data))
+    # Compiled as one program instead of one per operation. Guides keep tracers, of which they read only the shapes;
+    # that of a Laplace approximation keeps more.
+    begin = (lambda key: svi.init(key, data)) if method == "laplace" else jax.jit(lambda key: svi.init(key, data))
+    # One program for every run: `svi.run` compiles at each call.
+    forward = jax.jit(lambda state, data: jax.lax.scan(lambda s, _: svi.update(s, data), state, length=_AT_ONCE))
 
-    def run(steps: int, number: int, state: Any = None) -> tuple[Any, NDArray[np.float64]]:
-        key = jax.random.key(derived_seed(fit.seed, Purpose.CHAINS, number))
-        if state is None and method != "laplace":  # which keeps more of its start than shapes
-            state = begin(key)
-        result = svi.run(key, steps, data, progress_bar=False, init_state=state)
-        return result.state, np.asarray(result.losses, dtype=np.float64) / N
+    def run(steps: int, state: Any) -> tuple[Any, NDArray[np.float64]]:
+        losses = []
+        for _ in range(-(-steps // _AT_ONCE)):
+            state, more = forward(state, data)
+            losses.append(np.asarray(more, dtype=np.float64) / N)
+        return state, np.concatenate(losses)
 
-    begun = [run(TRIED, number) for number in range(STARTS if method == "svi" else 1)]
+    seeds = [derived_seed(fit.seed, Purpose.CHAINS, number) for number in range(STARTS if method == "svi" else 1)]
+    begun = [run(TRIED, begin(jax.random.key(number))) for number in seeds]
     ends = [float(losses[-_WINDOW:].mean()) for _, losses in begun]
     if not np.isfinite(ends).any():
         raise InputError(f"The log density of {fit.story.name} is not finite at any start; check scales and supports.")
     state, losses = begun[int(np.nanargmin(ends))]
     still, change, runs = max(_STILL, _PER_SAMPLE * J * K), np.inf, 0
     while change > still and runs < RUNS:
-        state, more = run(STEPS, STARTS + runs, state)
+        state, more = run(STEPS, state)
         losses, runs = np.append(losses, more), runs + 1
         change = _change(losses)
     params = svi.get_params(state)
@@ -200,10 +205,12 @@ def _guided(fit: Fit, method: str) -> GuidePosterior:
                 converged=False, sentence=f"{told.sentence} The curvature there is singular: nothing can be drawn."
             )
 
+        @jax.jit
         def sampled(key: Any) -> dict[str, Any]:
             return automatic.sample_posterior(key, params)
     else:
 
+        @jax.jit
         def sampled(key: Any) -> dict[str, Any]:
             drawn: Any = Predictive(guide, params=params, num_samples=1)(key, data)
             return {name: drawn[name][0] for name in fit.names}
@@ -275,14 +282,18 @@ def _check_density(fit: Fit) -> None:
     Raises:
         InputError: That of a tap is no number, or the distribution excludes a tap, whatever is drawn.
     """
+
+    @jax.jit  # one program instead of one per operation
+    def looked_at(key: Any) -> tuple[Any, Any]:
+        site = trace(seed(fit.run, key)).get_trace(fit.samples)[OBSERVED]
+        return site["fn"].log_prob(site["value"]), peeled(site["fn"]).support(site["value"])
+
     outside = np.ones(len(fit.samples), dtype=bool)
     for number in range(_TRIES):
-        with numpyro.validation_enabled(False):
-            site = trace(seed(fit.run, number)).get_trace(fit.samples)[OBSERVED]
-        value, fn = site["value"], site["fn"]
-        if (bad := _taps_where(np.isnan(np.asarray(fn.log_prob(value))))).any():
+        density, inside = looked_at(jax.random.key(number))
+        if (bad := _taps_where(np.isnan(np.asarray(density)))).any():
             raise InputError(f"The log density of {fit.story.name} is not a number {_place(fit, bad)}; {_hint(fit)}.")
-        outside &= _taps_where(~np.asarray(peeled(fn).support(value)))
+        outside &= _taps_where(~np.asarray(inside))
     if outside.any():
         raise InputError(f"{fit.story.name} excludes samples that occur, {_place(fit, outside)}; {_hint(fit)}.")
 

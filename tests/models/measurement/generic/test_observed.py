@@ -45,13 +45,21 @@ def _double():
         yield
 
 
+held_in = jax.jit(Binned.of)
+
+
 def every_bin(edges):
     """A sample in each bin, shape (1, B, 1)."""
-    return Binned.of(jnp.asarray(0.5 * (edges[:-1] + edges[1:]))[None, :, None], jnp.asarray(edges))
+    return held_in(0.5 * (edges[:-1] + edges[1:])[None, :, None], edges)
+
+
+def judged(distribution, taps, least=0.0):
+    """Log probability of bins, compiled as one program, as in the likelihood of a model."""
+    return np.asarray(jax.jit(lambda held: binned(distribution, held, least).log_prob(held.samples))(taps))
 
 
 def log_probability(distribution, taps):
-    return np.asarray(binned(distribution, taps).log_prob(taps.samples))[0, :, 0]
+    return judged(distribution, taps)[0, :, 0]
 
 
 @pytest.mark.parametrize("name", SINGLE)
@@ -113,8 +121,8 @@ def test_components_of_a_gaussian_vector_are_taken_in_turn(rng):
     J, K = 4, 3
     root = np.tril(rng.normal(size=(K, K)) * 0.5) + 1.5 * np.eye(K)
     loc, taps, edges = rng.normal(size=K), rng.normal(size=(1, J, K)), np.linspace(-3, 3, 13)
-    held = Binned.of(jnp.asarray(taps), jnp.asarray(edges))
-    found = binned(dist.MultivariateNormal(jnp.asarray(loc), scale_tril=jnp.asarray(root)), held).log_prob(held.samples)
+    held = held_in(taps, edges)
+    found = judged(dist.MultivariateNormal(jnp.asarray(loc), scale_tril=jnp.asarray(root)), held)
     covariance = root @ root.T
     lower, upper = (np.asarray(part)[0] for part in (held.lower, held.upper))
     expected = np.zeros(J)
@@ -131,7 +139,7 @@ def test_components_of_a_gaussian_vector_are_taken_in_turn(rng):
 def test_a_random_walk_steps_from_the_sample_before(rng):
     samples, edges = rng.normal(size=(1, 2, 6)), np.linspace(-3, 3, 13)
     held = Binned.of(jnp.asarray(samples).mT, jnp.asarray(edges)).swapped()
-    found = binned(dist.GaussianRandomWalk(jnp.array([0.7, 1.3]), 6), held).log_prob(held.samples)
+    found = judged(dist.GaussianRandomWalk(jnp.array([0.7, 1.3]), 6), held)
     before = np.concatenate([np.zeros((1, 2, 1)), samples[..., :-1]], axis=-1)
     step = stats.norm(before, np.array([0.7, 1.3])[:, None])
 
@@ -141,17 +149,17 @@ def test_a_random_walk_steps_from_the_sample_before(rng):
 
 def test_other_vectors_have_their_density_times_the_widths_of_their_bins(rng):
     taps, edges = rng.normal(size=(1, 4, 3)), np.cumsum(rng.uniform(0.2, 0.9, size=13)) - 4
-    held = Binned.of(jnp.asarray(taps), jnp.asarray(edges))
+    held = held_in(taps, edges)
     vector = dist.MultivariateStudentT(4.0, jnp.zeros(3), jnp.eye(3))
     width = np.diff(edges)[np.clip(np.searchsorted(edges, taps, "right") - 1, 0, 11)]
 
     assert measure_of(vector) == DENSITY
-    found = binned(vector, held).log_prob(held.samples)
+    found = judged(vector, held)
     np.testing.assert_allclose(found, vector.log_prob(jnp.asarray(taps)) + np.log(width).sum(axis=-1), rtol=1e-12)
 
 
 def test_no_scale_counts_for_less_than_the_least():
     taps = every_bin(np.linspace(-1.0, 1.0, 5))
 
-    least = np.asarray(binned(dist.Normal(0.0, 1e-9), taps, 0.2).log_prob(taps.samples))
-    np.testing.assert_allclose(least, binned(dist.Normal(0.0, 0.2), taps).log_prob(taps.samples))
+    least = judged(dist.Normal(0.0, 1e-9), taps, 0.2)
+    np.testing.assert_allclose(least, judged(dist.Normal(0.0, 0.2), taps))
