@@ -179,7 +179,7 @@ def _guided(fit: Fit, method: str) -> GuidePosterior:
 
     def run(steps: int, state: Any) -> tuple[Any, NDArray[np.float64]]:
         losses = []
-        for _ in range(-(-steps // _AT_ONCE)):
+        for _ in range(steps // _AT_ONCE):
             state, more = forward(state, data)
             losses.append(np.asarray(more, dtype=np.float64) / N)
         return state, np.concatenate(losses)
