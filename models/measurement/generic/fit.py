@@ -184,8 +184,11 @@ def _guided(fit: Fit, method: str) -> GuidePosterior:
             losses.append(np.asarray(more, dtype=np.float64) / N)
         return state, np.concatenate(losses)
 
-    seeds = [derived_seed(fit.seed, Purpose.CHAINS, number) for number in range(STARTS if method == "svi" else 1)]
-    begun = [run(TRIED, begin(jax.random.key(number))) for number in seeds]
+    keys = [
+        jax.random.key(derived_seed(fit.seed, Purpose.CHAINS, number))
+        for number in range(STARTS if method == "svi" else 1)
+    ]
+    begun = [run(TRIED, begin(key)) for key in keys]
     ends = [float(losses[-_WINDOW:].mean()) for _, losses in begun]
     if not np.isfinite(ends).any():
         raise InputError(f"The log density of {fit.story.name} is not finite at any start; check scales and supports.")
@@ -284,13 +287,13 @@ def _check_density(fit: Fit) -> None:
     """
 
     @jax.jit  # one program instead of one per operation
-    def looked_at(key: Any) -> tuple[Any, Any]:
-        site = trace(seed(fit.run, key)).get_trace(fit.samples)[OBSERVED]
+    def looked_at(number: Any) -> tuple[Any, Any]:
+        site = trace(seed(fit.run, number)).get_trace(fit.samples)[OBSERVED]
         return site["fn"].log_prob(site["value"]), peeled(site["fn"]).support(site["value"])
 
     outside = np.ones(len(fit.samples), dtype=bool)
     for number in range(_TRIES):
-        density, inside = looked_at(jax.random.key(number))
+        density, inside = looked_at(number)
         if (bad := _taps_where(np.isnan(np.asarray(density)))).any():
             raise InputError(f"The log density of {fit.story.name} is not a number {_place(fit, bad)}; {_hint(fit)}.")
         outside &= _taps_where(~np.asarray(inside))
