@@ -389,6 +389,21 @@ def test_another_function_of_the_same_file_is_not_taken_for_the_fitted_one(in_fi
             load_model(tmp_path / "fit.nc", story)
 
 
+def test_the_best_start_goes_on_until_the_loss_is_still(taps, monkeypatch):
+    """Of two starts the first is the better one at this seed; more runs follow only where the loss still changes."""
+    found = []
+    for starts, still in ((1, 0.0), (2, 1e9)):
+        for name, value in {"STARTS": starts, "_STILL": still, "_PER_SAMPLE": 0.0, "RUNS": 2}.items():
+            monkeypatch.setattr(fits, name, value)
+        convergence = quick(alike, taps, method="svi", seed=1).convergence
+        found.append((convergence.converged, convergence.stats["loss"]))
+    (moving, long), (still, short) = found
+
+    assert (moving, still, len(long), len(short)) == (False, True, 20 + 2 * 40, 20 + 40)
+    assert long[-10:].mean() < long[:10].mean() - 0.2
+    np.testing.assert_array_equal(short, long[: len(short)])
+
+
 def test_a_singular_curvature_is_told(taps, monkeypatch):
     """After few steps, far from the most probable values, there is no normal distribution around them."""
     for name, value in {"_AT_ONCE": 1, "TRIED": 1, "STEPS": 20}.items():
