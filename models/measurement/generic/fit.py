@@ -143,8 +143,8 @@ def posterior(fit: Fit, method: str) -> GuidePosterior | ChainPosterior:
 
 
 def _check_size(fit: Fit) -> None:
-    latents = _latents(fit)
-    size = sum(int(np.size(values)) for values in latents.values())
+    latents: Any = jax.eval_shape(lambda: _latents(fit))
+    size = sum(values.size for values in latents.values())
     if size > _MOST_CURVED:
         raise InputError(
             f"--fit laplace inverts a matrix of all latent variables; {fit.story.name} has {size}, at most "
@@ -153,7 +153,7 @@ def _check_size(fit: Fit) -> None:
 
 
 def _latents(fit: Fit) -> dict[str, Any]:
-    """Latent variables from the prior, for their shapes."""
+    """Latent variables from the prior."""
     sites = trace(seed(fit.run, 0)).get_trace(fit.samples)
     return {name: sites[name]["value"] for name in fit.names}
 

@@ -7,9 +7,12 @@ import inspect
 from traceback import extract_tb
 from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import numpyro
-from numpyro.handlers import seed, trace
+from numpyro.distributions import ImproperUniform, biject_to
+from numpyro.handlers import seed, substitute, trace
 
 from ...errors import InputError
 from .contract import StoryCall, StoryFunction
@@ -52,12 +55,11 @@ def structure_of(story: StoryFunction, batch: StoryCall) -> Structure:
             fitted.
     """
     few, more = (_run(story, _some(batch, n), n) for n in (2, 3))
-    site = _observed(story, more, batch)
-    swapped = _is_swapped(story, site, _probe(batch, 3))
-    latents = {name: s for name, s in more.items() if s["type"] == "sample" and not s["is_observed"]}
+    latents = {name: s for name, s in more.sites.items() if s["type"] == "sample" and not s["is_observed"]}
     enumerated = []
     for name, latent in latents.items():
-        local, discrete = np.shape(few[name]["value"]) != np.shape(latent["value"]), latent["fn"].support.is_discrete
+        local = np.shape(few.sites[name]["value"]) != np.shape(latent["value"])
+        discrete = latent["fn"].support.is_discrete
         _check_latent(story, name, latent, local, discrete)
         if discrete:
             enumerated.append(name)
@@ -66,9 +68,9 @@ def structure_of(story: StoryFunction, batch: StoryCall) -> Structure:
     kept = {name: latent for name, latent in latents.items() if name not in enumerated}
     return Structure(
         {name: _dims(name, latent, batch.shape) for name, latent in kept.items()},
-        swapped,
-        measure_of(site["fn"]),
-        not enumerated and not swapped and _is_exchangeable(site) and not _looks_back(story, batch),
+        more.swapped,
+        more.measure,
+        not enumerated and not more.swapped and more.alike and not more.looks_back,
         tuple(enumerated),
         _session_axes(story, batch, kept),
     )
@@ -87,19 +89,61 @@ def _probe(batch: StoryCall, n: int) -> Any:
     return np.arange(1.0, 1.0 + n * J * K).reshape(n, J, K)
 
 
-def _run(story: StoryFunction, batch: StoryCall, n: int, taps: Any = None) -> dict[str, Any]:
-    taps = _probe(batch, n) if taps is None else taps
+class _Run(NamedTuple):
+    """What a run of a generative model shows.
+
+    Attributes:
+        sites: Its sites by name; of their values and parameters only the shapes are known, as nothing is computed.
+        swapped: See `Structure`.
+        measure: Likewise.
+        alike: Whether samples are independent and no parameter varies along a tap.
+        looks_back: Whether the distribution of samples depends on samples, as in a forecast from those before.
+    """
+
+    sites: dict[str, Any]
+    swapped: bool
+    measure: str
+    alike: bool
+    looks_back: bool
+
+
+def _run(story: StoryFunction, batch: StoryCall, n: int) -> _Run:
+    """Traces a generative model on n made-up taps, so that none of its operations is compiled."""
+    seen: dict[str, Any] = {}
+
+    def observed(taps: Any) -> tuple[Any, list[Any]]:
+        sites = trace(substitute(seed(story, 0), substitute_fn=_feasible)).get_trace(batch, taps)
+        site = _observed(story, sites, batch.shape, n)
+        seen.update(sites=sites, measure=measure_of(site["fn"]), alike=_is_alike(site))
+        return site["value"], jax.tree.leaves(peeled(site["fn"]))
+
+    probe = _probe(batch, n)
     try:
         with numpyro.validation_enabled(False):
-            return trace(seed(story, 0)).get_trace(batch, taps)
+            program = jax.make_jaxpr(observed)(probe).jaxpr
+            value = jax.jit(lambda taps: observed(taps)[0])(probe)
     except InputError:
         raise
-    except NotImplementedError as error:
-        raise InputError(
-            f"{story.name} has a latent variable without a proper prior, which cannot be drawn ({error}); give it one."
-        ) from error
     except Exception as error:  # whatever a user's function raises
         raise InputError(f"{story.name} failed when it was tried on {n} taps{told_in(story, error)}") from error
+    return _Run(swapped=_is_swapped(story, np.asarray(value), probe), looks_back=_looks_back(program), **seen)
+
+
+def _feasible(site: dict[str, Any]) -> Any:
+    """Value of a continuous latent variable that its support allows."""
+    if site["type"] != "sample" or site["is_observed"] or site["fn"].support.is_discrete:
+        return None
+    to_support = biject_to(site["fn"].support)
+    return to_support(jnp.zeros(site["kwargs"]["sample_shape"] + to_support.inverse_shape(site["fn"].shape())))
+
+
+def _looks_back(program: Any) -> bool:
+    """Whether a parameter of the observed distribution, any result but the first, is made from the samples."""
+    reached = set(map(id, program.invars))
+    for operation in program.eqns:
+        if not reached.isdisjoint(map(id, operation.invars)):
+            reached.update(map(id, operation.outvars))
+    return not reached.isdisjoint(map(id, program.outvars[1:]))
 
 
 def told_in(story: StoryFunction, error: Exception) -> str:
@@ -110,7 +154,7 @@ def told_in(story: StoryFunction, error: Exception) -> str:
     return f"{place}: {type(error).__name__}: {(str(error).splitlines() or [''])[0]}"
 
 
-def _observed(story: StoryFunction, sites: dict[str, Any], batch: StoryCall) -> dict[str, Any]:
+def _observed(story: StoryFunction, sites: dict[str, Any], sizes: tuple[int, int, int, int], n: int) -> dict[str, Any]:
     """The observed site, of the right shape."""
     site = sites.get(OBSERVED)
     if site is None or site["type"] != "sample" or not site["is_observed"]:
@@ -118,18 +162,17 @@ def _observed(story: StoryFunction, sites: dict[str, Any], batch: StoryCall) -> 
         raise InputError(
             f"{story.name} must observe the samples at a site {OBSERVED!r} with obs=taps; its sites: {names}."
         )
-    _, _, J, K = batch.shape
+    _, _, J, K = sizes
     shape = tuple(site["fn"].batch_shape) + tuple(site["fn"].event_shape)
-    if shape not in {(3, J, K), (3, K, J)}:
+    if shape not in {(n, J, K), (n, K, J)}:
         raise InputError(
-            f"The site {OBSERVED!r} of {story.name} has shape {shape} for 3 taps, expected (3, {J}, {K}): tap, sample, "
-            "taxel."
+            f"The site {OBSERVED!r} of {story.name} has shape {shape} for {n} taps, expected ({n}, {J}, {K}): tap, "
+            "sample, taxel."
         )
     return site
 
 
-def _is_swapped(story: StoryFunction, site: dict[str, Any], probe: Any) -> bool:
-    value = np.asarray(site["value"])
+def _is_swapped(story: StoryFunction, value: Any, probe: Any) -> bool:
     for swapped, expected in ((False, probe), (True, probe.swapaxes(1, 2))):
         if value.shape == expected.shape and np.allclose(value, expected):
             return swapped
@@ -148,6 +191,17 @@ def _check_latent(story: StoryFunction, name: str, latent: dict[str, Any], local
             f"The latent variable {name!r} of {story.name} has a value for every tap, so that no tap could be judged "
             "without a fit; integrate it out in the model, or let it depend on class, taxel or session."
         )
+    if _is_improper(latent["fn"]):
+        raise InputError(
+            f"The latent variable {name!r} of {story.name} has no proper prior, so that nothing can be drawn from it; "
+            "give it one."
+        )
+
+
+def _is_improper(prior: Any) -> bool:
+    while hasattr(prior, "base_dist"):
+        prior = prior.base_dist
+    return isinstance(prior, ImproperUniform)
 
 
 def _dims(name: str, latent: dict[str, Any], shape: tuple[int, int, int, int]) -> tuple[str, ...]:
@@ -163,21 +217,10 @@ def _dims(name: str, latent: dict[str, Any], shape: tuple[int, int, int, int]) -
     return tuple(dims)
 
 
-def _is_exchangeable(site: dict[str, Any]) -> bool:
-    """Whether samples are independent and no parameter varies along a tap."""
+def _is_alike(site: dict[str, Any]) -> bool:
     base = peeled(site["fn"])
     same = len(base.batch_shape) < 2 or base.batch_shape[-2] == 1
     return site.get("scale") is None and elementwise(site["fn"]) and same
-
-
-def _looks_back(story: StoryFunction, batch: StoryCall) -> bool:
-    """Whether the distribution of samples depends on samples, as in a forecast from those before."""
-    import jax
-
-    some, probe = _some(batch, 3), _probe(batch, 3)
-    runs = (_run(story, some, 3, taps) for taps in (probe, -2 * probe))  # latent variables have the same seed
-    one, two = (jax.tree.leaves(peeled(run[OBSERVED]["fn"])) for run in runs)
-    return any(not np.array_equal(a, b) for a, b in zip(one, two, strict=True))
 
 
 def _session_axes(story: StoryFunction, batch: StoryCall, latents: dict[str, Any]) -> dict[str, int]:
@@ -185,7 +228,7 @@ def _session_axes(story: StoryFunction, batch: StoryCall, latents: dict[str, Any
     if "session" not in story.wanted:
         return {}
     some = _some(batch, 3)
-    sites = _run(story, StoryCall(**{**vars(some), "session": np.arange(3)}), 3)
+    sites = _run(story, StoryCall(**{**vars(some), "session": np.arange(3)}), 3).sites
     axes = {}
     for name, latent in latents.items():
         one, three = np.shape(latent["value"]), np.shape(sites[name]["value"])

@@ -69,6 +69,34 @@ def test_a_forecast_from_samples_before_is_not_exchangeable():
     assert not structure(looks_back).exchangeable
 
 
+def test_a_forecast_may_hide_in_a_product():
+    """Wherever its latent variables are, even where their product with the samples is 0."""
+
+    def hidden(where, what, taps=None, *, L, M, J, K):
+        slope = numpyro.sample("slope", dist.Normal(0.0, 1.0))
+        mean = 0.0 if taps is None else slope * jnp.where(taps > 0, 1.0, 0.0)[:, :1, :1]
+        with numpyro.plate("tap", len(where), dim=-3), numpyro.plate("J", J, dim=-2), numpyro.plate("K", K, dim=-1):
+            numpyro.sample("taps", dist.Normal(mean, 1.0), obs=taps)
+
+    assert not structure(hidden).exchangeable
+
+
+def test_nothing_is_drawn_to_find_the_sites():
+    """A draw of each latent variable would be compiled at its full size."""
+
+    class NeverDrawn(dist.Normal):
+        def sample(self, *_, **__):
+            raise AssertionError("drawn")
+
+    def story(where, what, taps=None, *, L, M, J, K):
+        with numpyro.plate("L", L, dim=-3), numpyro.plate("M", M, dim=-2), numpyro.plate("K", K, dim=-1):
+            loc = numpyro.sample("loc", NeverDrawn(0.0, 1.0))
+        with numpyro.plate("tap", len(where), dim=-3), numpyro.plate("J", J, dim=-2), numpyro.plate("taxel", K, dim=-1):
+            numpyro.sample("taps", dist.Laplace(loc[where, what][:, None], 1.0), obs=taps)
+
+    assert structure(story).dims == {"loc": ("where", "what", "taxel")}
+
+
 def test_arguments_that_are_named_are_filled_in():
     seen = {}
 
@@ -139,17 +167,26 @@ def fails(where, what, taps=None):
     raise KeyError("a key")
 
 
+def lacks_a_part(where, what, taps=None):
+    raise NotImplementedError("a part")
+
+
+flat = dist.ImproperUniform(dist.constraints.real, (), ())
+
+
 @pytest.mark.parametrize(
     ("story", "message"),
     [
         (taps_only("NJK", site="samples"), "site 'taps' with obs=taps; its sites: samples"),
-        (taps_only("N1K", obs=lambda taps: taps[:, :1]), r"has shape \(3, 1, 4\) for 3 taps, expected \(3, 5, 4\)"),
+        (taps_only("N1K", obs=lambda taps: taps[:, :1]), r"has shape \(2, 1, 4\) for 2 taps, expected \(2, 5, 4\)"),
         (taps_only("NJK"), "has no latent variable to fit"),
         (taps_only("NJK", obs=lambda taps: taps**2), "must observe taps themselves"),
         (local(dist.Normal(0.0, 1.0)), "'own' of story has a value for every tap"),
         (local(dist.Poisson(2.0)), "'own' of story cannot be enumerated"),
         (shared(dist.Bernoulli(0.5)), "'own' of story is shared by all taps"),
-        (shared(dist.ImproperUniform(dist.constraints.real, (), ())), "without a proper prior"),
+        (shared(flat), "'own' of story has no proper prior"),
+        (shared(flat.expand([K]).to_event(1).mask(False)), "'own' of story has no proper prior"),
+        (lacks_a_part, r"failed when it was tried on 2 taps, line \d+ of its file: NotImplementedError: a part"),
         (fails, r"failed when it was tried on 2 taps, line \d+ of its file: KeyError: 'a key'"),
     ],
 )
