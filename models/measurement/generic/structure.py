@@ -54,7 +54,7 @@ def structure_of(story: StoryFunction, batch: StoryCall) -> Structure:
         InputError: The function fails, has no site `taps` or one of another shape, or latent variables that cannot be
             fitted.
     """
-    few, more = (_run(story, _some(batch, n), n) for n in (2, 3))
+    few, more = (_traced(story, _some(batch, n), n) for n in (2, 3))
     latents = {name: s for name, s in more.sites.items() if s["type"] == "sample" and not s["is_observed"]}
     enumerated = []
     for name, latent in latents.items():
@@ -89,7 +89,7 @@ def _probe(batch: StoryCall, n: int) -> Any:
     return np.arange(1.0, 1.0 + n * J * K).reshape(n, J, K)
 
 
-class _Run(NamedTuple):
+class _Traced(NamedTuple):
     """What a run of a generative model shows.
 
     Attributes:
@@ -107,7 +107,7 @@ class _Run(NamedTuple):
     looks_back: bool
 
 
-def _run(story: StoryFunction, batch: StoryCall, n: int) -> _Run:
+def _traced(story: StoryFunction, batch: StoryCall, n: int) -> _Traced:
     """Traces a generative model on n made-up taps, so that none of its operations is compiled."""
     seen: dict[str, Any] = {}
 
@@ -126,7 +126,7 @@ def _run(story: StoryFunction, batch: StoryCall, n: int) -> _Run:
         raise
     except Exception as error:  # whatever a user's function raises
         raise InputError(f"{story.name} failed when it was tried on {n} taps{told_in(story, error)}") from error
-    return _Run(swapped=_is_swapped(story, np.asarray(value), probe), looks_back=_looks_back(program), **seen)
+    return _Traced(swapped=_is_swapped(story, np.asarray(value), probe), looks_back=_looks_back(program), **seen)
 
 
 def _feasible(site: dict[str, Any]) -> Any:
@@ -228,7 +228,7 @@ def _session_axes(story: StoryFunction, batch: StoryCall, latents: dict[str, Any
     if "session" not in story.wanted:
         return {}
     some = _some(batch, 3)
-    sites = _run(story, StoryCall(**{**vars(some), "session": np.arange(3)}), 3).sites
+    sites = _traced(story, StoryCall(**{**vars(some), "session": np.arange(3)}), 3).sites
     axes = {}
     for name, latent in latents.items():
         one, three = np.shape(latent["value"]), np.shape(sites[name]["value"])
