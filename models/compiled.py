@@ -5,8 +5,12 @@ from contextlib import suppress
 from typing import Any
 
 import numba
+import numpy as np
+from llvmlite import ir
+from numba.core import types
 from numba.core.caching import FunctionCache
 from numba.extending import intrinsic
+from numpy.typing import ArrayLike
 
 # Sums may be taken in another order and products fused, which vector instructions need; NaN and infinity stay exact.
 _OPTIONS: dict[str, Any] = {"nogil": True, "fastmath": {"reassoc", "contract", "nsz"}, "error_model": "numpy"}
@@ -39,3 +43,36 @@ class _Cache(FunctionCache):
 def ones(_: Any, word: Any) -> Any:
     """The number of bits of a word that are one, for compiled loops."""
     return word(word), lambda _context, builder, _signature, words: builder.ctpop(words[0])
+
+
+@_intrinsic
+def power_of_two(_: Any, exponent: Any) -> Any:  # noqa: ARG001 - named for its type alone
+    """2 to a whole number from -1022 to 1023, for compiled loops that use vector instructions."""
+
+    def built(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
+        word = given[0].type
+        biased = builder.add(given[0], ir.Constant(word, 1023))
+        return builder.bitcast(builder.shl(biased, ir.Constant(word, 52)), ir.DoubleType())
+
+    return types.float64(types.int64), built
+
+
+def polynomial(coefficients: ArrayLike) -> Any:
+    """Polynomial by Horner's rule, without a loop, for compiled loops that use vector instructions.
+
+    Args:
+        coefficients: Shape (degree + 1,), the highest power's first.
+    """
+    first, *others = (ir.Constant(ir.DoubleType(), float(value)) for value in np.asarray(coefficients))
+
+    @_intrinsic
+    def value(_: Any, x: Any) -> Any:  # noqa: ARG001 - named for its type alone
+        def built(_context: Any, builder: Any, _signature: Any, given: Any) -> Any:
+            total, fused = first, ("contract",)
+            for coefficient in others:
+                total = builder.fadd(builder.fmul(total, given[0], flags=fused), coefficient, flags=fused)
+            return total
+
+        return types.float64(types.float64), built
+
+    return value

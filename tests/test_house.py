@@ -70,6 +70,7 @@ EDGES = {
     ),
     "jinja2": ("analysis/page/html.py",),
     "lazy_loader": ("solidtouch/__init__.py",),
+    "llvmlite": ("models/compiled.py",),
     "markupsafe": ("analysis/page/html.py",),
     "matplotlib": (
         "analysis/*/figure*_*.py",

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ...threads import cores, in_order
 from .bins import TableForm, known_bins
 
-_AT_ONCE = 64  # taps of a Gaussian form that one thread takes at a time
+AT_ONCE = 64  # taps of a Gaussian form that one thread takes at a time
 _ROOM = 1 << 22  # bins and log probabilities of independent samples held at a time
 _FEW = 1 << 13  # samples whose log probabilities under one class take no longer than to start a thread
 
@@ -155,9 +155,9 @@ class PreparedGaussian(NamedTuple):
         if len(taps) > B * len(blocks) and not self.taxel.shape[-1] and (self.time == np.eye(J)).all():
             parts = (self._looked_up(taps[start : start + blocks.step], edges) for start in blocks)
         else:
-            blocks = range(0, len(taps), _AT_ONCE)
-            tasks = (partial(self._part, taps[start : start + _AT_ONCE], edges) for start in blocks)
-            parts = in_order(tasks, cores(None) if len(taps) > _AT_ONCE else 1)
+            blocks = range(0, len(taps), AT_ONCE)
+            tasks = (partial(self._part, taps[start : start + AT_ONCE], edges) for start in blocks)
+            parts = in_order(tasks, cores(None) if len(taps) > AT_ONCE else 1)
         for start, part in zip(blocks, parts, strict=True):
             log_likelihood = exponent * part.reshape(-1, L, H)
             out[start : start + len(part)] = np.where(self.impossible, -np.inf, log_likelihood)

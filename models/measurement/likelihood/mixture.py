@@ -1,12 +1,15 @@
 """A form that is the mean of others, such as those of draws from a posterior."""
 
 from collections.abc import Sequence
+from functools import partial
 from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...threads import cores, in_order
 from .any_form import Form, Prepared
+from .forms import AT_ONCE
 
 
 class MixtureForm(NamedTuple):
@@ -81,8 +84,19 @@ class PreparedMixture(NamedTuple):
         self, taps: NDArray[np.floating], edges: NDArray[np.float64], exponent: float, out: NDArray[np.float64]
     ) -> None:
         """Writes `exponent` times the log probability of the bins of taps (N, J, K) to `out`, shape (N, L, H)."""
-        total, one = np.full(out.shape, -np.inf), np.empty(out.shape)
-        for part in self.parts:
-            part.log_likelihood(taps, edges, 1.0, one)
-            np.logaddexp(total, one, out=total)
+        few = len(taps) <= AT_ONCE  # of which a part makes no threads of its own
+        workers = min(cores(None), len(self.parts)) if few else 1
+        tasks = (partial(_log_sum, self.parts[i::workers], taps, edges, out.shape) for i in range(workers))
+        total = np.logaddexp.reduce(list(in_order(tasks, workers)), axis=0)
         out[...] = exponent * (total - np.log(len(self.parts)))
+
+
+def _log_sum(
+    parts: Sequence[Prepared], taps: NDArray[np.floating], edges: NDArray[np.float64], shape: tuple[int, ...]
+) -> NDArray[np.float64]:
+    """Log of the summed probabilities of the bins of taps (N, J, K), shape (N, L, H)."""
+    total, one = np.full(shape, -np.inf), np.empty(shape)
+    for part in parts:
+        part.log_likelihood(taps, edges, 1.0, one)
+        np.logaddexp(total, one, out=total)
+    return total

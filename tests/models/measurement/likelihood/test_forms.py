@@ -11,7 +11,7 @@ from solidtouch.models.measurement.likelihood.forecasts import (
     log_student_probability,
 )
 from solidtouch.models.measurement.likelihood.forms import GaussianForm, bin_gaps
-from solidtouch.models.measurement.likelihood.innovations import class_log_probability, log_interval
+from solidtouch.models.measurement.likelihood.innovations import class_log_probability
 from solidtouch.models.measurement.model import in_states
 from solidtouch.models.measurement.states import ONE_STATE, States
 
@@ -94,10 +94,26 @@ def test_probabilities_of_all_bins_sum_to_one(rng):
     assert np.exp(log_student_probability(edges[:-1], edges[1:], 2.2)).sum() == pytest.approx(1.0, rel=1e-14)
 
 
-@pytest.mark.parametrize(("a", "b"), [(26.0, 26.5), (-500.0, -499.9), (60.0, np.inf), (-np.inf, -80.0), (1e9, 2e9)])
-def test_compiled_intervals_are_the_probabilities(a, b):
-    """The loop's asymptotic tails and SciPy's agree far out."""
-    assert log_interval(a, b) == pytest.approx(float(log_normal_probability(a, b)), rel=1e-10)
+def test_compiled_intervals_are_the_probabilities(rng):
+    """Of SciPy, near 0 and far out, narrow and wide, on both sides and open."""
+    middle = np.concatenate([rng.normal(scale=3, size=400), rng.uniform(-60, 60, size=400), [-1e5, 1e9]])
+    width = np.exp(rng.uniform(np.log(1e-3), np.log(30), size=len(middle)))
+    open_ends = [[-np.inf, 26.0, -np.inf], [-80.0, np.inf, np.inf]]
+    ends = np.concatenate([open_ends, [middle - width, middle + width]], axis=1)
+    expected = log_normal_probability(*ends)
+    near, factor = np.empty((2, ends.shape[1]))
+    innovations.intervals(*ends.copy(), near, factor)
+
+    np.testing.assert_allclose(np.log(factor) - 0.5 * near**2, expected, rtol=1e-11, atol=1e-14)
+
+
+def test_compiled_intervals_without_a_width_stay_possible():
+    """Ends that rounding has made equal have a probability that one more factor does not take out of range."""
+    ends = np.array([[1e30, 3.0, -1e-30], [1e30, 3.0, 1e-30]])
+    near, factor = np.empty((2, 3))
+    innovations.intervals(*ends, near, factor)
+
+    assert np.all((factor > 1e-160) & (factor < 1e-15))
 
 
 # Gaussian forms
