@@ -1,9 +1,11 @@
 """`gaussian`: normal samples for each class and taxel; exchangeable as in the paper, but without bins."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
-from .fits.cells import CellPosterior, cell_posterior, estimated_prior, given_cells, prior_of_cells
+from .fits.cells import ANY_CELLS, CellPosterior, cell_posterior, estimated_prior, given_cells, prior_of_cells
 from .fits.posterior import check_cells
 from .fits.priors import CellPrior, Taps
 from .likelihood.bins import TableForm
@@ -15,19 +17,20 @@ from .scaling import Moments
 from .story import Story
 
 
-def story(taps: Taps, prior: CellPrior) -> None:
+def story(
+    where: Any, what: Any, taps: Any = None, *, L: int, M: int, J: int, K: int, prior: CellPrior = ANY_CELLS
+) -> None:
     """Generative model: normal samples for each class and taxel, at any time.
 
     The variances of all classes of a taxel come from one inverse gamma distribution.
     """
     from .fits.story_parts import cells, dist, jnp, numpyro
 
-    (L, M), (N, J, K) = taps.shape, taps.samples.shape
     with numpyro.plate("L", L, dim=-4), numpyro.plate("M", M, dim=-3), numpyro.plate("K", K, dim=-1):
         level, variance = cells(prior)
-    own = taps.where, taps.what
-    with numpyro.plate("tap", N, dim=-3), numpyro.plate("J", J, dim=-2), numpyro.plate("taxel", K, dim=-1):
-        numpyro.sample("sample", dist.Normal(level[own], jnp.sqrt(variance[own])), obs=taps.samples)
+    own = where, what
+    with numpyro.plate("tap", len(where), dim=-3), numpyro.plate("J", J, dim=-2), numpyro.plate("taxel", K, dim=-1):
+        numpyro.sample("taps", dist.Normal(level[own], jnp.sqrt(variance[own])), obs=taps)
 
 
 def fit(taps: Taps, prior: CellPrior | None = None) -> CellPosterior:

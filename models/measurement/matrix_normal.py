@@ -47,7 +47,7 @@ class KroneckerPrior(NamedTuple):
     strength: float
 
 
-def story(taps: Taps, prior: KroneckerPrior) -> None:
+def story(where: Any, what: Any, taps: Any = None, *, L: int, M: int, J: int, K: int, prior: KroneckerPrior) -> None:
     """Generative model: residuals correlated in time, equally in all classes, and across taxels, per class.
 
     The covariance of two samples is the product of one in time (J, J) and one across taxels (K, K). One Wishart
@@ -55,7 +55,6 @@ def story(taps: Taps, prior: KroneckerPrior) -> None:
     """
     from .fits.story_parts import dist, jnp, numpyro, plates
 
-    (L, M), (N, J, K) = taps.shape, taps.samples.shape
     time: Any = numpyro.sample("time", dist.Wishart(prior.time_freedom, jnp.linalg.inv(prior.time_scale)))
     with plates(("L", L, -2), ("M", M, -1)):
         taxel_scale = jnp.linalg.inv(prior.taxel_scale)
@@ -65,9 +64,9 @@ def story(taps: Taps, prior: KroneckerPrior) -> None:
         flat = dist.ImproperUniform(dist.constraints.real_matrix, (), (J, K))
         known = dist.MatrixNormal(jnp.zeros((J, K)), rows / (prior.strength or 1.0) ** 0.5, columns)
         level: Any = numpyro.sample("level", known if prior.strength else flat)
-    own = taps.where, taps.what
-    with numpyro.plate("tap", N):
-        numpyro.sample("sample", dist.MatrixNormal(level[own], rows, columns[own]), obs=taps.samples)
+    own = where, what
+    with numpyro.plate("tap", len(where)):
+        numpyro.sample("taps", dist.MatrixNormal(level[own], rows, columns[own]), obs=taps)
 
 
 class KroneckerPosterior(NamedTuple):
@@ -225,9 +224,9 @@ def _inverse_wishart(
     return inverse.swapaxes(-1, -2) @ inverse
 
 
-def arguments(_: Taps, posterior: KroneckerPosterior) -> tuple[Any, ...]:
+def arguments(_: Taps, posterior: KroneckerPosterior) -> dict[str, KroneckerPrior]:
     """Arguments of `story`: the prior that the fit estimated."""
-    return (posterior.prior,)
+    return {"prior": posterior.prior}
 
 
 def parameters_of(sites: Sites) -> Sites:
@@ -248,9 +247,9 @@ def given(parameters: Parameters, _: NDArray[np.float64]) -> Given:
     return Given({**parameters, **precisions}, _any_prior)
 
 
-def _any_prior(taps: Taps, _: Any) -> tuple[KroneckerPrior]:
+def _any_prior(taps: Taps, _: Any) -> dict[str, KroneckerPrior]:
     _, J, K = taps.samples.shape
-    return (KroneckerPrior(J + 1.0, np.eye(J), K + 1.0, np.eye(K), 1.0),)
+    return {"prior": KroneckerPrior(J + 1.0, np.eye(J), K + 1.0, np.eye(K), 1.0)}
 
 
 def form(parameters: Parameters, frame: Measure) -> GaussianForm:

@@ -1,9 +1,11 @@
 """`profile`: a mean and a variance for each class, taxel and time."""
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
-from .fits.cells import CELL, CellPosterior, cell_posterior, estimated_prior, given_cells, prior_of_cells
+from .fits.cells import ANY_CELLS, CELL, CellPosterior, cell_posterior, estimated_prior, given_cells, prior_of_cells
 from .fits.posterior import check_times
 from .fits.priors import CellPrior, Taps
 from .likelihood.forecasts import Unseen, cells_integrated
@@ -14,19 +16,20 @@ from .scaling import Moments
 from .story import Story
 
 
-def story(taps: Taps, prior: CellPrior) -> None:
+def story(
+    where: Any, what: Any, taps: Any = None, *, L: int, M: int, J: int, K: int, prior: CellPrior = ANY_CELLS
+) -> None:
     """Generative model: a mean and a variance for each class, taxel and time; independent residuals.
 
     The variances of all classes and times of a taxel come from one inverse gamma distribution.
     """
     from .fits.story_parts import cells, dist, jnp, numpyro, plates
 
-    (L, M), (N, J, K) = taps.shape, taps.samples.shape
     with plates(("L", L, -4), ("M", M, -3), ("J", J, -2), ("K", K, -1)):
         level, variance = cells(prior)
-    own = taps.where, taps.what
-    with plates(("tap", N, -3), ("time", J, -2), ("taxel", K, -1)):
-        numpyro.sample("sample", dist.Normal(level[own], jnp.sqrt(variance[own])), obs=taps.samples)
+    own = where, what
+    with plates(("tap", len(where), -3), ("time", J, -2), ("taxel", K, -1)):
+        numpyro.sample("taps", dist.Normal(level[own], jnp.sqrt(variance[own])), obs=taps)
 
 
 def fit(taps: Taps, prior: CellPrior | None = None) -> CellPosterior:

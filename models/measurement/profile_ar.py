@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .fits.cells import CELL, Cells, cell_posterior, estimated_prior, given_cells, prior_of_cells
+from .fits.cells import ANY_CELLS, CELL, Cells, cell_posterior, estimated_prior, given_cells, prior_of_cells
 from .fits.posterior import EXACT_CELLS, Convergence, check_times
 from .fits.priors import CellPrior, Taps
 from .likelihood.forecasts import Unseen, slopes_integrated
@@ -21,20 +21,19 @@ from .story import Story
 _GRID, _REACH = 101, 8.0  # points, and standard deviations to either side of the mode
 
 
-def story(taps: Taps, prior: CellPrior) -> None:
+def story(where: Any, what: Any, taps: Any, *, L: int, M: int, J: int, K: int, prior: CellPrior = ANY_CELLS) -> None:
     """Generative model: `profile` with each sample predicted from the previous one, with one slope per taxel."""
     from .fits.story_parts import cells, dist, jnp, numpyro, plates
 
-    (L, M), (N, J, K) = taps.shape, taps.samples.shape
     with numpyro.plate("K", K, dim=-1):
         rho: Any = numpyro.sample("rho", dist.Uniform(-1.0, 1.0))
         with plates(("L", L, -4), ("M", M, -3), ("J", J, -2)):
             level, variance = cells(prior)
-    own = taps.where, taps.what
-    before = jnp.pad(taps.samples, ((0, 0), (1, 0), (0, 0)))[:, :-1]
-    with plates(("tap", N, -3), ("time", J, -2), ("taxel", K, -1)):
+    own = where, what
+    before = jnp.pad(taps, ((0, 0), (1, 0), (0, 0)))[:, :-1]
+    with plates(("tap", len(where), -3), ("time", J, -2), ("taxel", K, -1)):
         forecast = level[own] + rho * before
-        numpyro.sample("sample", dist.Normal(forecast, jnp.sqrt(variance[own])), obs=taps.samples)
+        numpyro.sample("taps", dist.Normal(forecast, jnp.sqrt(variance[own])), obs=taps)
 
 
 class ArPosterior(NamedTuple):

@@ -23,7 +23,9 @@ _ROUNDS, _STILL = 2000, 1e-4  # rounds at most, and the change of a slope at whi
 _SETTLING = 10  # rounds after which the prior of the variances stays as it is
 
 
-def story(taps: Taps, prior: CellPrior, typical: Any, tightness: Any) -> None:
+def story(
+    where: Any, what: Any, taps: Any, *, L: int, M: int, J: int, K: int, prior: CellPrior, typical: Any, tightness: Any
+) -> None:
     """Generative model: `profile` with each sample predicted from the preceding taxels at the same time.
 
     The slopes are those of the modified Cholesky factor of the covariance across taxels, one factor per class; those of
@@ -31,16 +33,15 @@ def story(taps: Taps, prior: CellPrior, typical: Any, tightness: Any) -> None:
     """
     from .fits.story_parts import cells, dist, jnp, numpyro, plates
 
-    (L, M), (N, J, K) = taps.shape, taps.samples.shape
     with plates(("L", L, -3), ("M", M, -2), ("pair", K * (K - 1) // 2, -1)):
         slope: Any = numpyro.sample("slope", dist.Normal(typical, tightness**-0.5))
     with plates(("L", L, -4), ("M", M, -3), ("J", J, -2), ("K", K, -1)):
         level, variance = cells(prior)
-    own = taps.where, taps.what
+    own = where, what
     slopes = jnp.zeros((L, M, K, K)).at[..., *np.tril_indices(K, -1)].set(slope)
-    forecast = level[own] + jnp.einsum("nki,nji->njk", slopes[own], taps.samples)
-    with plates(("tap", N, -3), ("time", J, -2), ("taxel", K, -1)):
-        numpyro.sample("sample", dist.Normal(forecast, jnp.sqrt(variance[own])), obs=taps.samples)
+    forecast = level[own] + jnp.einsum("nki,nji->njk", slopes[own], taps)
+    with plates(("tap", len(where), -3), ("time", J, -2), ("taxel", K, -1)):
+        numpyro.sample("taps", dist.Normal(forecast, jnp.sqrt(variance[own])), obs=taps)
 
 
 class MvnPosterior(NamedTuple):
@@ -183,10 +184,10 @@ def _squares(factor: NDArray[np.float64], scatter: NDArray[np.float64]) -> NDArr
     return np.maximum((half * factor[:, :, None]).sum(axis=-1), 0.0)
 
 
-def arguments(taps: Taps, posterior: MvnPosterior) -> tuple[Any, ...]:
+def arguments(taps: Taps, posterior: MvnPosterior) -> dict[str, Any]:
     """Arguments of `story`: the prior that the fit estimated."""
     pairs = np.tril_indices(taps.samples.shape[2], -1)
-    return posterior.prior, posterior.typical[pairs], posterior.tightness
+    return {"prior": posterior.prior, "typical": posterior.typical[pairs], "tightness": posterior.tightness}
 
 
 def parameters_of(sites: Sites) -> Sites:
@@ -203,8 +204,8 @@ def given(parameters: Parameters, _: NDArray[np.float64]) -> Given:
     return Given({**parameters, "slope": parameters["slope"][..., *pairs]}, _any_prior)
 
 
-def _any_prior(*_: Any) -> tuple[Any, ...]:
-    return ANY_CELLS, 0.0, np.ones(())
+def _any_prior(*_: Any) -> dict[str, Any]:
+    return {"prior": ANY_CELLS, "typical": 0.0, "tightness": np.ones(())}
 
 
 def form(parameters: Parameters, frame: Measure) -> GaussianForm:

@@ -50,7 +50,7 @@ class CurvePrior(NamedTuple):
     b: NDArray[np.float64]
 
 
-def story(taps: Taps, prior: CurvePrior) -> None:
+def story(where: Any, what: Any, taps: Any = None, *, L: int, M: int, J: int, K: int, prior: CurvePrior) -> None:
     """Generative model: `profile` with mean curves that are smooth in the position of the tap.
 
     The curve is a Gaussian process with squared exponential kernel on a basis of sines, so the classes of an object
@@ -58,16 +58,15 @@ def story(taps: Taps, prior: CurvePrior) -> None:
     """
     from .fits.story_parts import dist, jnp, numpyro, plates
 
-    (L, M), (N, J, K) = taps.shape, taps.samples.shape
     D = prior.basis.shape[1]
     with plates(("D", D, -4), ("M", M, -3), ("J", J, -2), ("K", K, -1)):
         weight: Any = numpyro.sample("weight", dist.Normal(0.0, prior.width[:, None, None]))
     with plates(("L", L, -4), ("M", M, -3), ("J", J, -2), ("K", K, -1)):
         variance: Any = numpyro.sample("variance", dist.InverseGamma(prior.a, prior.b))
-    curve = jnp.einsum("nd,dnjk->njk", prior.basis, weight[:, taps.what])
-    with plates(("tap", N, -3), ("time", J, -2), ("taxel", K, -1)):
-        deviation = jnp.sqrt(variance[taps.where, taps.what])
-        numpyro.sample("sample", dist.Normal(curve, deviation), obs=taps.samples)
+    curve = jnp.einsum("nd,dnjk->njk", prior.basis, weight[:, what])
+    with plates(("tap", len(where), -3), ("time", J, -2), ("taxel", K, -1)):
+        deviation = jnp.sqrt(variance[where, what])
+        numpyro.sample("taps", dist.Normal(curve, deviation), obs=taps)
 
 
 class Basis(NamedTuple):
@@ -260,9 +259,10 @@ def _bound(
     return float(noise.sum() + curves)
 
 
-def arguments(taps: Taps, posterior: CurvePosterior) -> tuple[Any, ...]:
+def arguments(taps: Taps, posterior: CurvePosterior) -> dict[str, CurvePrior]:
     """Arguments of `story`: the Gaussian process of the fit, at the positions of the taps."""
-    return (CurvePrior(posterior.basis.at(taps.place), posterior.width, posterior.prior.a, posterior.prior.b),)
+    prior = posterior.prior
+    return {"prior": CurvePrior(posterior.basis.at(taps.place), posterior.width, prior.a, prior.b)}
 
 
 def parameters_of(sites: Sites) -> Sites:
@@ -275,9 +275,9 @@ def given(parameters: Parameters, basis: NDArray[np.float64]) -> Given:
     return Given({**parameters, "weight": np.moveaxis(parameters["weight"], -1, 0)}, _any_curves, len(basis))
 
 
-def _any_curves(taps: Taps, functions: Any) -> tuple[CurvePrior]:
+def _any_curves(taps: Taps, functions: Any) -> dict[str, CurvePrior]:
     K, D = taps.samples.shape[2], functions.shape[1]
-    return (CurvePrior(functions, np.ones((D, K)), np.ones(K), np.ones(K)),)
+    return {"prior": CurvePrior(functions, np.ones((D, K)), np.ones(K), np.ones(K))}
 
 
 def form(parameters: Parameters, frame: Measure) -> GaussianForm:

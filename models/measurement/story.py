@@ -2,7 +2,7 @@
 
 A file of a model holds a `Story`. The story itself is one function of 10 to 25 lines that says how the samples of taps
 of known class come about, and nothing else. Plates carry the letters of the axes: `L` where classes, `M` what classes,
-`J` samples of a tap, `K` taxels. The samples of the taps are its site `sample`.
+`J` samples of a tap, `K` taxels. The samples of the taps are its site `taps`.
 
 Levels are intercepts of forecasts: a sample is `level` plus what the samples before it add to it. Samples are in units
 of `Scaling`, in which the typical deviation of a taxel within a class is 1. Hyperparameters are given: the same prior
@@ -54,14 +54,14 @@ class Story:
     Attributes:
         name: Name of the model.
         row: What it assumes less than the paper.
-        story: In NumPyro, called with `Taps` and the arguments.
+        story: In NumPyro, in the contract of `generic.contract`, with further keyword arguments.
         dims: Dims of its parameters by name.
         positive: Names of the parameters that are above 0.
         exchangeable: Whether all samples of a taxel have one distribution, so that its form is a `TableForm`.
         check: Refuses taps that cannot carry it, given its name.
         closed: The posterior by its fast fit.
         form: From parameters to probabilities of bins.
-        arguments: What the story takes beside taps, from the training taps and the posterior of the fast fit.
+        arguments: The further keyword arguments, from the training taps and the posterior of the fast fit.
         parameters: From sites of the story, with chain and draw in front, to parameters; default those of that name.
         trained_only: Whether chains must leave classes without a tap out, because their levels are flat.
         given: The story at parameters and basis functions (Q, L, D).
@@ -82,7 +82,7 @@ class Story:
     form: Callable[[Parameters, Measure], Form]
     positive: tuple[str, ...] = ()
     exchangeable: bool = False
-    arguments: Callable[[Taps, Any], tuple[Any, ...]] = no_arguments
+    arguments: Callable[[Taps, Any], dict[str, Any]] = no_arguments
     parameters: Callable[[Sites], Sites] | None = None
     trained_only: bool = False
     given: Callable[[Parameters, NDArray[np.float64]], Given] = _as_they_are
@@ -143,15 +143,14 @@ class Story:
             posterior = self.sample(scaled, self.arguments(scaled, posterior), settings.seed)
         return posterior, basis
 
-    def sample(self, taps: Taps, arguments: tuple[Any, ...], seed: int) -> SamplePosterior:
+    def sample(self, taps: Taps, arguments: dict[str, Any], seed: int) -> SamplePosterior:
         """Posterior by NUTS from scaled training taps, given the other arguments of the generative model."""
         from .fits import nuts
 
         shared = {name for name, dims in self.dims.items() if "where" not in dims}
         trained, over_grid = nuts.trained_only(taps, shared) if self.trained_only else (taps, lambda sites: sites)
-        return nuts.sample_story(
-            self.story, (trained, *arguments), lambda sites: over_grid(self.parameters_of(sites)), seed
-        )
+        told = trained.under(self.story, **arguments)
+        return nuts.sample_story(told, lambda sites: over_grid(self.parameters_of(sites)), seed)
 
     def parameters_of(self, sites: Sites) -> Sites:
         """Parameters of all draws, from sites with leading axes chain and draw."""

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .fits.posterior import Convergence, check_cells
-from .fits.priors import Taps
+from .fits.priors import Given, Taps
 from .likelihood.bins import TableForm
 from .likelihood.forecasts import log_student_probability
 from .likelihood.shapes import Measure, Parameters, standardised
@@ -20,15 +20,14 @@ _STILL = 0.5  # nats per tap between two windows
 _SITES = ("freedom", "level", "scale")
 
 
-def story(taps: Taps) -> None:
+def story(where: Any, what: Any, taps: Any = None, *, L: int, M: int, J: int, K: int, least: Any = 0.0) -> None:
     """Generative model: `gaussian` with Student's t samples; degrees of freedom per taxel, shared by all classes.
 
     Locations are normal and scales log-normal around what is typical of the taxel; the classes share the width of both.
-    No scale counts for less than `taps.least`, as a taxel at rest would have an unbounded density.
+    No scale counts for less than `least`, as a taxel at rest would have an unbounded density.
     """
     from .fits.story_parts import dist, jnp, numpyro
 
-    (L, M), (N, J, K) = taps.shape, taps.samples.shape
     with numpyro.plate("K", K, dim=-1):
         freedom: Any = numpyro.sample("freedom", dist.Gamma(2.0, 0.1))
         spread: Any = numpyro.sample("spread", dist.HalfCauchy(5.0))
@@ -37,11 +36,9 @@ def story(taps: Taps) -> None:
         with numpyro.plate("L", L, dim=-4), numpyro.plate("M", M, dim=-3):
             level: Any = numpyro.sample("level", dist.Normal(0.0, spread))
             scale: Any = numpyro.sample("scale", dist.LogNormal(typical, variety))
-    own = taps.where, taps.what
-    with numpyro.plate("tap", N, dim=-3), numpyro.plate("J", J, dim=-2), numpyro.plate("taxel", K, dim=-1):
-        numpyro.sample(
-            "sample", dist.StudentT(freedom, level[own], jnp.maximum(scale[own], taps.least)), obs=taps.samples
-        )
+    own = where, what
+    with numpyro.plate("tap", len(where), dim=-3), numpyro.plate("J", J, dim=-2), numpyro.plate("taxel", K, dim=-1):
+        numpyro.sample("taps", dist.StudentT(freedom, level[own], jnp.maximum(scale[own], least)), obs=taps)
 
 
 class StudentPosterior(NamedTuple):
@@ -94,15 +91,16 @@ def fit(taps: Taps) -> StudentPosterior:
     from numpyro.infer.initialization import init_to_value
     from numpyro.optim import Adam
 
-    guide = AutoNormal(story, init_loc_fn=init_to_value(values=jax.tree.map(jnp.asarray, _start(taps))))
-    # In every run the rate falls to a fiftieth.
-    svi = SVI(story, guide, Adam(lambda step: _RATE * 0.02 ** ((step % _STEPS) / _STEPS)), Trace_ELBO())
     data: Any = taps._replace(samples=jnp.asarray(taps.samples, dtype=jnp.float32))
+    told = data.under(story, least=taps.least)
+    guide = AutoNormal(told, init_loc_fn=init_to_value(values=jax.tree.map(jnp.asarray, _start(taps))))
+    # In every run the rate falls to a fiftieth.
+    svi = SVI(told, guide, Adam(lambda step: _RATE * 0.02 ** ((step % _STEPS) / _STEPS)), Trace_ELBO())
     key, losses, change = jax.random.key(0), [], np.inf
     # Compiled as one program instead of one per operation. The guide keeps tracers, of which it reads only the shapes.
-    state: Any = jax.jit(lambda: svi.init(key, data))()
+    state: Any = jax.jit(lambda: svi.init(key))()
     while change > _STILL and len(losses) < _RUNS:
-        result = svi.run(key, _STEPS, data, progress_bar=False, init_state=state)
+        result = svi.run(key, _STEPS, progress_bar=False, init_state=state)
         state = result.state
         losses.append(np.asarray(result.losses, dtype=np.float64) / len(taps.where))
         change = float(abs(losses[-1][-_WINDOW:].mean() - losses[-1][-2 * _WINDOW : -_WINDOW].mean()))
@@ -120,6 +118,16 @@ def _start(taps: Taps) -> dict[str, NDArray[np.float64]]:
     used = np.maximum(J * moments.taps, 1)[..., None, None]
     scale = np.where(moments.taps[..., None, None] > 0, np.sqrt(square / used) + 0.05, 1.0)
     return {"level": level, "scale": 0.7 * scale, "freedom": np.full(level.shape[-1], 4.0)}
+
+
+def arguments(taps: Taps, _: Any) -> dict[str, Any]:
+    """Arguments of `story` besides taps."""
+    return {"least": taps.least}
+
+
+def given(parameters: Parameters, _: NDArray[np.float64]) -> Given:
+    """`story` at fixed parameters."""
+    return Given(parameters, arguments)
 
 
 def form(parameters: Parameters, frame: Measure) -> TableForm:
@@ -142,5 +150,7 @@ MODEL = Story(
     check=check_cells,
     closed=fit,
     form=form,
+    arguments=arguments,
+    given=given,
     own_threads=True,
 )

@@ -1,6 +1,7 @@
 """Draws docs/reference/images/model-plates.svg: plate diagrams of all NumPyro models, from the models themselves."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -149,16 +150,16 @@ def main() -> None:
     kronecker = matrix_normal.KroneckerPrior(J + 2.0, np.eye(J), K + 2.0, np.eye(K), 1.0)
     curves = smooth.CurvePrior(np.ones((N, D)), np.ones((D, K)), np.full(K, 2.0), np.full(K, 2.0))
     models = {
-        "histogram": (histogram_model, (generator.integers(B, size=(N, J, K)), where, what, (L, M, K, B), 0.01)),
-        "gaussian": (gaussian.story, (taps, cells)),
-        "student": (student.story, (taps,)),
-        "profile": (profile.story, (taps, cells)),
-        "profile-ar": (profile_ar.story, (taps, cells)),
-        "profile-mvn": (profile_mvn.story, (taps, cells, np.zeros(K * (K - 1) // 2), 4.0)),
-        "matrix-normal": (matrix_normal.story, (taps, kronecker)),
-        "smooth": (smooth.story, (taps, curves)),
+        "histogram": partial(histogram_model, generator.integers(B, size=(N, J, K)), where, what, (L, M, K, B), 0.01),
+        "gaussian": taps.under(gaussian.story, prior=cells),
+        "student": taps.under(student.story),
+        "profile": taps.under(profile.story, prior=cells),
+        "profile-ar": taps.under(profile_ar.story, prior=cells),
+        "profile-mvn": taps.under(profile_mvn.story, prior=cells, typical=np.zeros(K * (K - 1) // 2), tightness=4.0),
+        "matrix-normal": taps.under(matrix_normal.story, prior=kronecker),
+        "smooth": taps.under(smooth.story, prior=curves),
     }
-    drawn = [Story(name, get_model_relations(story, arguments)) for name, (story, arguments) in models.items()]
+    drawn = [Story(name, get_model_relations(story)) for name, story in models.items()]
     folder = Path(__file__).parents[3] / "docs" / "reference" / "images"
     png, _ = save(plates(drawn), folder, "model-plates")
     png.unlink()

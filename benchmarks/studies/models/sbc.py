@@ -100,11 +100,11 @@ def studies(sizes: Sizes) -> list[Study]:
     def taps(samples: Any) -> Taps:
         return Taps(samples, where, what, (L, M))
 
-    def cells(name: str, story: Any, fit: Any, passes: int, how: str = "exact", more: Any = (prior,)) -> Study:
-        draw = partial(_from_story, story, taps, (len(where), J, K), passes, more)
-        return Study(
-            name, how, draw, lambda samples: fit(taps(samples), more[0]), partial(_quantities, name, (where, what))
-        )
+    def cells(name: str, story: Any, fit: Any, passes: int, how: str = "exact", **more: Any) -> Study:
+        arguments = {"prior": prior} | more
+        draw = partial(_from_story, story, taps, (len(where), J, K), passes, arguments)
+        fitted = lambda samples: fit(taps(samples), arguments["prior"])  # noqa: E731
+        return Study(name, how, draw, fitted, partial(_quantities, name, (where, what)))
 
     return [
         _histogram_study(sizes),
@@ -117,12 +117,14 @@ def studies(sizes: Sizes) -> list[Study]:
             profile_mvn.fit,
             K,
             "slopes and cells factorised, typical slopes estimated",
-            (around_0, typical, 4.0),
+            prior=around_0,
+            typical=typical,
+            tightness=4.0,
         ),
         Study(
             "matrix-normal",
             "both covariances factorised",
-            partial(_from_story, matrix_normal.story, taps, (len(where), J, K), 1, (wide,)),
+            partial(_from_story, matrix_normal.story, taps, (len(where), J, K), 1, {"prior": wide}),
             lambda samples: matrix_normal.fit(taps(samples), wide),
             partial(_quantities, "matrix-normal", (where, what)),
         ),
@@ -141,16 +143,16 @@ def _from_story(
     def one(key: Any) -> dict[str, Any]:
         samples, values = jnp.zeros(shape), {}
         for _ in range(passes):
-            told = handlers.trace(handlers.seed(handlers.uncondition(story), key))
-            sites = told.get_trace(taps(samples), *more)
+            told = handlers.trace(handlers.seed(handlers.uncondition(taps(samples).under(story, **more)), key))
+            sites = told.get_trace()
             values = {name: site["value"] for name, site in sites.items() if site["type"] == "sample"}
-            samples = values["sample"]
+            samples = values["taps"]
         return values
 
     with jax.enable_x64(True):
         values = jax.jit(jax.vmap(one))(jax.random.split(jax.random.key(derived_seed(seed, Purpose.STUDY)), n))
         drawn = {name: np.asarray(value) for name, value in values.items()}
-    return _as_fitted(drawn), drawn["sample"]
+    return _as_fitted(drawn), drawn["taps"]
 
 
 def _as_fitted(drawn: dict[str, NDArray[np.float64]]) -> dict[str, NDArray[np.float64]]:

@@ -135,9 +135,9 @@ class CellPosterior(NamedTuple):
         return self.cells.draw(generator)
 
 
-def prior_of_cells(_: Taps, posterior: Any) -> tuple[CellPrior]:
+def prior_of_cells(_: Taps, posterior: Any) -> dict[str, CellPrior]:
     """Prior argument of the cell models: the prior that the closed-form fit estimated."""
-    return (posterior.prior,)
+    return {"prior": posterior.prior}
 
 
 def given_cells(parameters: Parameters, _: NDArray[np.float64]) -> Given:
@@ -145,5 +145,5 @@ def given_cells(parameters: Parameters, _: NDArray[np.float64]) -> Given:
     return Given(parameters, _any_cells)
 
 
-def _any_cells(*_: Any) -> tuple[CellPrior]:
-    return (ANY_CELLS,)
+def _any_cells(*_: Any) -> dict[str, CellPrior]:
+    return {"prior": ANY_CELLS}

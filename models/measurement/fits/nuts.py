@@ -21,8 +21,7 @@ CHAINS, WARM_UP, DRAWS = 4, 500, 250
 
 
 def sample_story(
-    story: Callable[..., None],
-    arguments: tuple[Any, ...],
+    story: Callable[[], None],
     convert: Callable[[Sites], Sites],
     seed: int = 0,
     *,
@@ -33,8 +32,7 @@ def sample_story(
     """Posterior draws of a generative model.
 
     Args:
-        story: Generative model.
-        arguments: Taps and priors.
+        story: Generative model of known taps.
         convert: From the sites of the story, with chain and draw in front, to the parameters of its form.
         seed: Random seed of the chains.
         chains: How many.
@@ -52,7 +50,7 @@ def sample_story(
             chain_method="vectorized",
             progress_bar=False,
         )
-        sampler.run(jax.random.key(derived_seed(seed, Purpose.CHAINS)), *arguments)
+        sampler.run(jax.random.key(derived_seed(seed, Purpose.CHAINS)))
         sites = {name: np.asarray(values) for name, values in sampler.get_samples(group_by_chain=True).items()}
         diverging = int(np.asarray(sampler.get_extra_fields()["diverging"]).sum())
     flat = az.from_dict({"posterior": {name: values for name, values in sites.items() if values.size}})

@@ -26,6 +26,11 @@ class Taps(NamedTuple):
     place: NDArray[np.float64] = np.zeros(0)
     least: Any = 0.0
 
+    def under(self, story: Callable[..., None], **arguments: Any) -> Callable[[], None]:
+        """Generative model in the contract of `generic.contract`, of these taps."""
+        (L, M), (_, J, K) = self.shape, self.samples.shape
+        return lambda: story(self.where, self.what, self.samples, L=L, M=M, J=J, K=K, **arguments)
+
 
 class CellPrior(NamedTuple):
     """Normal-inverse-gamma prior of the level and variance of a cell: a class, time and taxel.
@@ -43,9 +48,9 @@ class CellPrior(NamedTuple):
     b: Any
 
 
-def no_arguments(*_: Any) -> tuple[Any, ...]:
+def no_arguments(*_: Any) -> dict[str, Any]:
     """Arguments of a generative model that takes taps only: none."""
-    return ()
+    return {}
 
 
 class Given(NamedTuple):
@@ -53,11 +58,11 @@ class Given(NamedTuple):
 
     Attributes:
         sites: Values of its sites by name.
-        arguments: What it takes beside taps, from the taps and their basis functions, shape (N, D). One function for
+        arguments: Its other keyword arguments, from the taps and their basis functions, shape (N, D). One function for
             all parameters, so that programs compiled for one model serve others of the same story and sizes.
         places: How many places in a class are equally likely.
     """
 
     sites: Mapping[str, NDArray[np.float64]]
-    arguments: Callable[[Taps, Any], tuple[Any, ...]] = no_arguments
+    arguments: Callable[[Taps, Any], dict[str, Any]] = no_arguments
     places: int = 1

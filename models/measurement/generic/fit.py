@@ -5,6 +5,7 @@ Hoffman and Gelman, JMLR 15 (2014) 1593 (NUTS); Kucukelbir et al., JMLR 18 (2017
 
 import warnings
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -261,7 +262,9 @@ def _told(method: str, change: float, still: float, losses: NDArray[np.float64],
 
 def _chains(fit: Fit) -> ChainPosterior:
     chains = sample_story(
-        fit.run, (jax.numpy.asarray(fit.samples),), lambda sites: {name: sites[name] for name in fit.names}, fit.seed
+        partial(fit.run, jax.numpy.asarray(fit.samples)),
+        lambda sites: {name: sites[name] for name in fit.names},
+        fit.seed,
     )
     flat = {name: values.reshape(-1, *values.shape[2:]) for name, values in chains.samples.items()}
     return ChainPosterior(_centre(fit, flat), chains)

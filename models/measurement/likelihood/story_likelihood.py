@@ -24,13 +24,13 @@ from numpyro.infer.util import log_density
 from ..fits.priors import Taps
 from ..generic.observed import Binned, Censored
 from ..generic.story import GenericModel
+from ..generic.structure import OBSERVED
 from ..histogram import HistogramModel
 from ..model import TapModel
 from ..story import ParametricModel
 from .bins import TableForm
 from .shapes import Parameters
 
-_OBSERVED = "sample"  # the site of the samples in every story
 _AT_ONCE = 1 << 22  # samples under classes that one step holds
 
 
@@ -45,7 +45,7 @@ class _Law(NamedTuple):
     """
 
     story: Callable[..., None]
-    arguments: Callable[[Taps, Any], tuple[Any, ...]]
+    arguments: Callable[[Taps, Any], dict[str, Any]]
     places: int
     shape: tuple[int, int]
 
@@ -113,7 +113,7 @@ def _told(law: _Law, numbers: _Numbers, samples: Any, own: Any, place: Any) -> C
     taps = Taps(samples, own // M, own % M, law.shape, least=numbers.least)
     functions = numbers.basis[place, taps.where] if numbers.basis.size else None
     sites: Any = numbers.sites
-    told = substitute(lambda: law.story(taps, *law.arguments(taps, functions)), data=sites)
+    told = substitute(taps.under(law.story, **law.arguments(taps, functions)), data=sites)
     return seed(told, 0)  # some sites have no part in a sample
 
 
@@ -135,7 +135,7 @@ def _everywhere(held: Binned, gain: Any, offset: Any, numbers: _Numbers, law: _L
         n, q, c = jnp.unravel_index(index, (N, law.places, L * M))
         one = Binned(*(part[n][None] for part in scaled))
         story = _told(law, numbers, one.samples, c[None], q)
-        observed = block(Censored(story, _OBSERVED, one, numbers.least), hide_fn=lambda site: site["name"] != _OBSERVED)
+        observed = block(Censored(story, OBSERVED, one, numbers.least), hide_fn=lambda site: site["name"] != OBSERVED)
         return jnp.asarray(log_density(observed, (), {}, {})[0])
 
     log_prob = jax.lax.map(at, jnp.arange(N * law.places * L * M), batch_size=max(1, _AT_ONCE // (J * K)))
@@ -174,7 +174,7 @@ def _exchangeable(bins: jax.Array, log_prob: jax.Array) -> None:
     """Bins (J, K) of a tap, each drawn by its taxel's probabilities (K, B)."""
     J, K = bins.shape
     with numpyro.plate("J", J, dim=-2), numpyro.plate("K", K, dim=-1):
-        numpyro.sample(_OBSERVED, dist.CategoricalLogits(logits=log_prob), obs=bins)
+        numpyro.sample(OBSERVED, dist.CategoricalLogits(logits=log_prob), obs=bins)
 
 
 @jax.jit
@@ -227,7 +227,7 @@ def _of_each_bin(held: Binned, numbers: _Numbers, law: _Law) -> jax.Array:
     one = held.scaled(1.0, 0.0, numbers.centre, numbers.unit)
     samples = jnp.broadcast_to(one.samples, (L * M, B, K))
     story = _told(law, numbers, samples, np.arange(L * M), 0)
-    site = trace(Censored(story, _OBSERVED, one, numbers.least)).get_trace()[_OBSERVED]
+    site = trace(Censored(story, OBSERVED, one, numbers.least)).get_trace()[OBSERVED]
     return jnp.moveaxis(site["fn"].log_prob(samples).reshape(L, M, B, K), 2, 3)
 
 

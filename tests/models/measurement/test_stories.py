@@ -27,9 +27,9 @@ def cell_prior(strength, rng):
     return CellPrior(0.7, strength, rng.uniform(1.5, 3, K), rng.uniform(0.5, 2, K))
 
 
-def joint(story, *arguments):
+def joint(model, *arguments):
     """Log density of samples and parameters as a function of the parameters, compiled once."""
-    compiled = jax.jit(lambda parameters: log_density(story, arguments, {}, parameters)[0])
+    compiled = jax.jit(lambda parameters: log_density(model, arguments, {}, parameters)[0])
 
     def log_joint(parameters):
         with jax.enable_x64(True):
@@ -52,7 +52,7 @@ def cells_log_density(cells, parameters):
 def test_cells_have_the_exact_posterior(rng, story, fitted, strength):
     """Joint density over posterior density is one number, whatever the parameters; with a flat level too."""
     taps, prior = random_taps(rng), cell_prior(strength, rng)
-    posterior, log_joint = fitted(taps, prior), joint(story, taps, prior)
+    posterior, log_joint = fitted(taps, prior), joint(taps.under(story, prior=prior))
     constants = [
         log_joint(drawn) - cells_log_density(posterior.cells, drawn)
         for drawn in (posterior.draw(rng) for _ in range(DRAWS))
@@ -65,7 +65,7 @@ def test_cells_have_the_exact_posterior(rng, story, fitted, strength):
 def test_slopes_in_time_have_the_exact_posterior(rng, strength):
     """The cells given any slopes, and the slopes themselves up to the resolution of their grid."""
     taps, prior = random_taps(rng), cell_prior(strength, rng)
-    posterior, log_joint = profile_ar.fit(taps, prior), joint(profile_ar.story, taps, prior)
+    posterior, log_joint = profile_ar.fit(taps, prior), joint(taps.under(profile_ar.story, prior=prior))
     constants = []
     for _ in range(DRAWS):
         index = rng.integers(20, 80, size=K)
@@ -126,7 +126,9 @@ def test_taxels_are_forecast_from_those_before(rng):
         + stats.norm.logpdf(parameters["level"], 0.7, deviation).sum()
     )
 
-    assert joint(profile_mvn.story, taps, prior, typical, 9.0)(parameters) == pytest.approx(expected, rel=1e-10)
+    assert joint(taps.under(profile_mvn.story, prior=prior, typical=typical, tightness=9.0))(
+        parameters
+    ) == pytest.approx(expected, rel=1e-10)
 
 
 @pytest.mark.parametrize("strength", [0.0, 0.4])
@@ -146,7 +148,7 @@ def test_matrix_normal_is_that_of_scipy(rng, strength):
         expected += stats.matrix_normal.logpdf(tap, level[l, m], rows, columns[l, m])
 
     parameters = {"time": time, "taxel": taxel, "level": level}
-    assert joint(matrix_normal.story, taps, prior)(parameters) == pytest.approx(expected, rel=1e-9)
+    assert joint(taps.under(matrix_normal.story, prior=prior))(parameters) == pytest.approx(expected, rel=1e-9)
 
 
 def _positive(rng, D):
@@ -172,7 +174,7 @@ def test_student_and_smooth_are_loops(rng):
         return stats.t.logpdf(taps.samples, p["freedom"], p["level"][own], p["scale"][own]).sum()
 
     prior_change = stats.norm.logpdf(moved["level"]).sum() - stats.norm.logpdf(tails["level"]).sum()
-    log_joint = joint(student.story, taps)
+    log_joint = joint(taps.under(student.story, least=taps.least))
     change = log_joint(moved) - log_joint(tails)
     assert change == pytest.approx(samples(moved) - samples(tails) + prior_change, rel=1e-9)
 
@@ -184,7 +186,7 @@ def test_student_and_smooth_are_loops(rng):
         + stats.norm.logpdf(curve["weight"], 0.0, prior.width[:, None, None]).sum()
         + stats.invgamma.logpdf(curve["variance"], 2.0, scale=1.5).sum()
     )
-    assert joint(smooth.story, taps, prior)(curve) == pytest.approx(expected, rel=1e-9)
+    assert joint(taps.under(smooth.story, prior=prior))(curve) == pytest.approx(expected, rel=1e-9)
 
 
 def test_first_samples_have_no_forecast(rng):
@@ -202,4 +204,4 @@ def test_first_samples_have_no_forecast(rng):
         + stats.norm.logpdf(p["level"], 0.7, np.sqrt(p["variance"] / 0.6)).sum()
     )
 
-    assert joint(profile_ar.story, taps, prior)(p) == pytest.approx(expected, rel=1e-10)
+    assert joint(taps.under(profile_ar.story, prior=prior))(p) == pytest.approx(expected, rel=1e-10)

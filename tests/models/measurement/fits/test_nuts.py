@@ -47,7 +47,7 @@ def test_profile_agrees_with_its_closed_form(rng):
         kept.update(sites)
         return over_grid(sites)
 
-    posterior = sample_story(profile.story, (trained, exact.prior), keep, seed=3)
+    posterior = sample_story(trained.under(profile.story, prior=exact.prior), keep, seed=3)
     used = np.array([[True, False], [True, True]])
     cells = exact.cells
     expected = {"level": cells.level, "variance": cells.b / (cells.a - 1)}
@@ -119,12 +119,12 @@ def test_factorised_posteriors_agree_with_nuts(rng):
     trained, over_grid = fit_nuts.trained_only(taps, {"time_covariance"})
     mvn, kronecker = profile_mvn.fit(taps), matrix_normal.fit(taps)
     slopes = sample_story(
-        profile_mvn.story,
-        (trained, mvn.prior, mvn.typical[np.tril_indices(2, -1)], mvn.tightness),
+        trained.under(profile_mvn.story, **profile_mvn.arguments(trained, mvn)),
         lambda sites: over_grid(profile_mvn.parameters_of(sites)),
     )
     precisions = sample_story(
-        matrix_normal.story, (trained, kronecker.prior), lambda sites: over_grid(matrix_normal.parameters_of(sites))
+        trained.under(matrix_normal.story, prior=kronecker.prior),
+        lambda sites: over_grid(matrix_normal.parameters_of(sites)),
     )
     used = np.array([[True, False], [True, True]])
     for posterior, fast, names in (
