@@ -62,6 +62,7 @@ class Purpose(IntEnum):
     REPLICATES = 27  # of the audit; replicate
     CHECKS = 28  # of compare; draw
     SCORES = 29  # of compare, drawn with
+    SINGLE_TAPS = 43  # of compare, by which importance sampling is judged
     CLUSTERS = 30  # of compare, resampled
     COMPONENTS = 31
     ALIKE = 36  # permutations of several strata; their label

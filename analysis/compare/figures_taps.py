@@ -57,7 +57,7 @@ def plot_sessions_left_out(axes: Axes, means: xr.Dataset) -> Axes:
 
 @styled
 def pareto(left_out: xr.Dataset) -> Figure:
-    """Pareto k of every training tap under every model, with the share that importance sampling cannot answer.
+    """Pareto k of the training taps looked at under every model, with the share that importance sampling fails on.
 
     Args:
         left_out: Over (model, tap), from `taps.leave_one_tap_out`.
@@ -74,15 +74,16 @@ def plot_pareto(axes: Axes, left_out: xr.Dataset) -> Axes:
     styles = model_styles(names, names[0])
     good_k = float(left_out["good_k"].min())
     for i, name in enumerate(names):
-        k = left_out["pareto_k"].sel(model=name).values
-        k = k[np.isfinite(k)]
-        low, quarter, median, three, high = np.quantile(k, [0.025, 0.25, 0.5, 0.75, 0.975])
-        colour = styles[name]["color"]
-        axes.plot([low, high], [i, i], color=colour, linewidth=0.8)
-        axes.plot([quarter, three], [i, i], color=colour, linewidth=3.5, solid_capstyle="butt")
-        axes.plot(median, i, "o", color="white", markeredgecolor=colour, markersize=4)
+        one = left_out.sel(model=name)
+        k = one["pareto_k"].values[one["looked_at"].values.astype(bool)]
+        if np.isfinite(k).any():
+            low, quarter, median, three, high = np.quantile(k[np.isfinite(k)], [0.025, 0.25, 0.5, 0.75, 0.975])
+            colour = styles[name]["color"]
+            axes.plot([low, high], [i, i], color=colour, linewidth=0.8)
+            axes.plot([quarter, three], [i, i], color=colour, linewidth=3.5, solid_capstyle="butt")
+            axes.plot(median, i, "o", color="white", markeredgecolor=colour, markersize=4)
         axes.annotate(
-            f"{(k > good_k).mean():.0%} above {good_k:.2g}",
+            f"{(~(k <= good_k)).mean():.0%} of {len(k)} above {good_k:.2g}" if np.isfinite(k).any() else "no Pareto k",
             (1.01, i),
             xycoords=("axes fraction", "data"),
             va="center",
@@ -91,7 +92,7 @@ def plot_pareto(axes: Axes, left_out: xr.Dataset) -> Axes:
     axes.axvline(good_k, color=OTHERS, linewidth=0.8, linestyle="--", zorder=0)
     axes.set_yticks(range(len(names)), names)
     axes.invert_yaxis()
-    axes.set_xlabel("Pareto k of the training taps: median, central 50% and 95%")
+    axes.set_xlabel("Pareto k of the training taps looked at: median, central 50% and 95%")
     return axes
 
 

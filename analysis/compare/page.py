@@ -10,6 +10,7 @@ from ..page.numbers import factor_of, in_brackets, interval, number, percent
 from ..page.page import Block, Brief, Cautions, Listing, Note, Page, Picture, Row, Section, Table, Verbatim
 from . import figures, figures_taps
 from .run import Comparison
+from .taps import SAMPLE
 
 
 def comparison_tree(comparison: Comparison, summary: Row) -> xr.DataTree:
@@ -124,13 +125,14 @@ def _single_taps(left_out: xr.Dataset, summary: Row) -> Iterator[Block]:
     rows = [row for row in summary["taps"] if "psis" in row]
     yield Table(
         [
-            *("model", "importance sampling", "taps with k too large", "ranked"),
+            *("model", "importance sampling", "taps looked at", "of these with k too large", "ranked"),
             *("exact, integrated", "exact, plug-in"),
         ],
         [
             [
                 row["name"],
                 number(row["psis"], 4),
+                str(row["psis_taps"]),
                 percent(row["bad_k"]),
                 "yes" if row["psis_ranks"] else "no",
                 number(row.get("exact"), 4),
@@ -142,8 +144,10 @@ def _single_taps(left_out: xr.Dataset, summary: Row) -> Iterator[Block]:
     )
     yield (
         f"Importance sampling (PSIS-LOO, {summary['draws']} draws) is unreliable for a tap with a Pareto k above "
-        f"{number(rows[0]['good_k'], 2)}, that is, a tap with a large influence on the posterior of its class; models "
-        "with such taps are not ranked by it. For the histogram, leaving out a tap is exact (a subtraction of counts)."
+        f"{number(rows[0]['good_k'], 2)}, that is, a tap with a large influence on the posterior of its class, or "
+        f"without a Pareto k; models with such taps are not ranked by it. Of models that fail on a random sample of "
+        f"{SAMPLE} taps the others are not looked at. For the histogram, leaving out a tap is exact (a subtraction of "
+        "counts)."
     )
     yield Picture(
         "pareto",

@@ -37,11 +37,15 @@ def test_missing_estimates_leave_their_row_empty():
 
 
 def test_pareto_k_says_how_many_taps_cannot_be_left_out():
-    """The share above .7 stands beside each row."""
-    k = np.stack([np.linspace(0, 0.6, 20), np.linspace(0, 1.4, 20), np.full(20, 2.0)])
-    left_out = xr.Dataset({"pareto_k": (("model", "tap"), k), "good_k": 0.7}, {"model": NAMES})
+    """The share above .7 of the taps looked at stands beside each row, or that no tap has a Pareto k."""
+    k = np.stack(
+        [np.linspace(0, 0.6, 20), np.append(np.linspace(0, 1.4, 10), np.full(10, np.nan)), np.full(20, np.nan)]
+    )
+    looked_at = np.stack([np.full(20, True), np.arange(20) < 10, np.full(20, True)])
+    pair = ("model", "tap")
+    left_out = xr.Dataset({"pareto_k": (pair, k), "looked_at": (pair, looked_at), "good_k": 0.7}, {"model": NAMES})
     (axes,) = figures.pareto(left_out).axes
-    assert [text.get_text() for text in axes.texts] == ["0% above 0.7", "50% above 0.7", "100% above 0.7"]
+    assert [text.get_text() for text in axes.texts] == ["0% of 20 above 0.7", "50% of 10 above 0.7", "no Pareto k"]
 
 
 @pytest.mark.parametrize("statistics", [1, 4])

@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+import xarray as xr
+from solidtouch.analysis.compare.summary import _single
 from solidtouch.analysis.compare.taps import (
     TapScores,
     join_scores,
@@ -86,7 +88,7 @@ def test_histogram_is_left_out_exactly_and_importance_sampling_says_where_it_fai
     assert result["pareto_k"].shape == (len(taps),)
     within = score_fold(fitted, session_folds(taps, make_taps(1, 1, first=1))[0][-1]._replace(test=taps), 0)
     assert float(result["exact_plug_in"].mean()) < within["plug_in"].values.mean()
-    assert set(result) == {"psis", "pareto_k", "good_k", "exact", "exact_plug_in"}
+    assert set(result) == {"psis", "pareto_k", "looked_at", "good_k", "exact", "exact_plug_in"}
 
 
 def test_importance_sampling_agrees_where_it_can():
@@ -99,6 +101,40 @@ def test_importance_sampling_agrees_where_it_can():
     result = leave_one_tap_out(fitted, taps, 2000, seed=0)
     assert float(result["pareto_k"].max()) < 0.7
     np.testing.assert_allclose(result["psis"], result["exact"], atol=0.02)
+
+
+@pytest.mark.parametrize(("samples", "looked_at"), [(1, 300), (30, 100)])
+def test_a_sample_of_taps_decides_whether_the_others_are_looked_at(samples, looked_at):
+    """Only where importance sampling works for all of the sample; where it stops early, nothing is ranked by it."""
+    shape = (300, samples, 4)
+    taps = TapSet.from_arrays(
+        np.random.default_rng(5).normal(size=shape),
+        np.arange(300) % 10,
+        [*"abcdefghij"],
+        preprocessing=Preprocessing(samples=samples),
+    )
+    few = taps if samples > 1 else TapSet(taps.dataset.isel(taxel=slice(0, 1)).assign(what=("tap", np.zeros(300, int))))
+    fitted = fit_model("histogram", few, few.grid(), SETTINGS.changed(bins=5))
+    counted = []
+    result = leave_one_tap_out(fitted, few, 400, 0, counted.append)
+    found = _single(result)
+
+    assert result["looked_at"].sum() == found["psis_taps"] == looked_at
+    assert found["psis_ranks"] == (looked_at == 300)
+    assert np.isfinite(result["psis"]).sum() == looked_at
+    assert np.isfinite(result["exact"]).all()
+    assert sum(counted) == 400
+
+
+def test_taps_without_a_pareto_k_are_not_ranked():
+    """Where all draws give a tap the same probability, or all good values are those of a sample."""
+    k = np.full(5, 0.1)
+    whole = xr.Dataset({"psis": ("tap", k), "pareto_k": ("tap", k), "looked_at": ("tap", k > 0), "good_k": 0.7})
+    none = whole.assign(pareto_k=("tap", [0.1, np.nan, 0.1, 0.1, 0.1]))
+    stopped = whole.assign(looked_at=("tap", np.arange(5) < 3))
+
+    assert [_single(left_out)["psis_ranks"] for left_out in (whole, none, stopped)] == [True, False, False]
+    assert [_single(left_out)["bad_k"] for left_out in (whole, none, stopped)] == [0.0, 0.2, 0.0]
 
 
 def test_the_model_that_made_the_taps_wins():

@@ -1,0 +1,50 @@
+"""The report of a comparison: what ArviZ takes of it."""
+
+import warnings
+from copy import deepcopy
+
+import numpy as np
+import pytest
+from solidtouch.analysis.compare.report import compare
+from solidtouch.models.settings import FitSettings
+
+
+@pytest.fixture(scope="module")
+def report(make_taps):
+    """Models of taps whose samples depend on the object and the position, but not on the time."""
+    taps = make_taps(L=3, M=2, J=12, K=3, sessions=2, repeats=6)
+    first = taps.session == 0
+    models = ["histogram", "gaussian", "profile"]
+    parts = (taps.select(first), taps.select(~first))
+    return compare(*parts, models=models, fit=FitSettings(bins=20), draws=0, trials=40, thresholds=[0.5, 0.9])
+
+
+def compared(elpd):
+    import arviz as az  # where it comes before NumPyro, it leaves a lazy one behind that lacks submodules
+
+    return az.compare(elpd, round_to="none")
+
+
+def test_arviz_compares_what_the_report_holds(report):
+    """Without a warning, with the order and the differences of the report and a weight that is right."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        table = compared(report.elpd)
+    mean = report.taps["integrated"].to_series()
+    taps = report.taps.attrs["taps"]
+
+    assert list(table.index) == list(mean.sort_values(ascending=False).index)
+    np.testing.assert_allclose(table["elpd_diff"] / taps, (mean - mean.max())[table.index], atol=1e-9)
+    assert table.loc["gaussian", "weight"] > 0.8
+    assert table["weight"].sum() == pytest.approx(1)
+
+
+def test_absolute_log_probabilities_of_taps_would_have_no_weights(report):
+    """The same taps with the log probabilities that taps of hundreds of samples have: exp() is 0 for all models."""
+    absolute = deepcopy(report.elpd)
+    for values in absolute.values():
+        values.elpd_i = values.elpd_i - 2000.0
+    with pytest.warns(RuntimeWarning):
+        table = compared(absolute)
+
+    assert np.ptp(table["weight"]) < 0.01
