@@ -3,6 +3,7 @@
 import gc
 import hashlib
 import importlib.util
+import os
 import shutil
 import sys
 import tempfile
@@ -27,6 +28,10 @@ from threadpoolctl import threadpool_limits
 # Collecting the tests makes a million objects that stay; at the default pace, looking for garbage takes a sixth of it.
 gc.set_threshold(200_000, 20, 100)
 
+# Otherwise each process would compile all modules and rewrite all assertions anew, two fifths of collecting the tests.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
 # How long an example takes depends on the machine, and on whether it is the first that compiles.
 settings.register_profile("solidtouch", deadline=None)
 settings.load_profile("solidtouch")
@@ -37,10 +42,10 @@ _KEPT_S, _LEFT_S = 14 * 86400, 86400
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Folders whose files take long come first, so that no process is left alone with one at the end."""
     folders = ["stress", "cli", "analysis", "models", "inference", "benchmarks", "hardware"]
-    tests = Path(__file__).parent
+    depth = len(Path(__file__).parent.parts)
 
     def place(item: pytest.Item) -> int:
-        first = item.path.relative_to(tests).parts[0]
+        first = item.path.parts[depth]
         return folders.index(first) if first in folders else -1
 
     items.sort(key=place)
