@@ -4,15 +4,24 @@ All methods agree to 1e-10, those in single precision to its rounding error.
 """
 
 from collections.abc import Callable
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
+from scipy.special import logsumexp
 from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.hardware.simulator.settings import preset
 from solidtouch.models.measurement.histogram import HistogramModel, fit
 from solidtouch.models.measurement.likelihood.bins import SparseCounts, count_taps
 from solidtouch.models.measurement.likelihood.counting import multiply
+from solidtouch.models.measurement.likelihood.forecasts import log_normal_probability
+from solidtouch.models.measurement.likelihood.forms import GaussianForm, bin_gaps
+from solidtouch.models.measurement.likelihood.mixture import MixtureForm
+from solidtouch.models.measurement.model import TapModel
+from solidtouch.models.measurement.registry import fit_model
+from solidtouch.models.settings import FitSettings
+from solidtouch.models.taps import TapSet
 
 from benchmarks.speed.rows import Row, interleaved
 from benchmarks.speed.trials.job import SEED
@@ -28,11 +37,12 @@ def rows(quick: bool = False) -> list[Row]:
     model, taps = fit(train, train.grid()), test.taps[: 20 if quick else None].astype(np.float32)
     scattered = np.random.default_rng(SEED).uniform(taps.min(), taps.max(), taps.shape).astype(np.float32)
     rounds = 2 if quick else 9
-    return [
+    tables = [
         row
         for samples, which in ((taps, "simulated"), (scattered, "scattered"))
         for row in (*_from_samples(model, samples, which, rounds), *_from_counts(model, samples, which, rounds))
     ]
+    return [*tables, *_integrated(train, test.taps[:1], 10 if quick else 100, rounds)]
 
 
 def _from_samples(model: HistogramModel, taps: NDArray[np.floating], which: str, rounds: int) -> list[Row]:
@@ -66,6 +76,25 @@ def _from_counts(model: HistogramModel, taps: NDArray[np.floating], which: str, 
     return _measured(f"log-likelihoods of {which} samples, counts given: {_size(model, taps)}", ways, note, rounds)
 
 
+def _integrated(train: TapSet, tap: NDArray[np.floating], draws: int, rounds: int) -> list[Row]:
+    """One tap under every class, a mean over draws from the posterior of a Gaussian model."""
+    model = fit_model("profile", train, train.grid(), FitSettings(integrate=draws)).model
+    parts = cast(tuple[GaussianForm, ...], cast(MixtureForm, model.form).parts)
+    samples, below, above = bin_gaps(tap, model.edges)
+
+    def plain() -> NDArray[np.float64]:
+        each = []
+        for part in parts:
+            error = samples - part.mean
+            inside = log_normal_probability((below + error) / part.scale, (above + error) / part.scale)
+            each.append(logsumexp(part.log_weight[:, None, None] + inside.sum((-2, -1)), axis=0))
+        return model.exponent * (logsumexp(each, axis=0) - np.log(draws))
+
+    ways: _Ways = {"SciPy log_ndtr": plain, "solidtouch": lambda: model.log_likelihood(tap)}
+    work = f"log-likelihood of one tap, {draws} draws of a Gaussian model: {_size(model, tap)}"
+    return _measured(work, ways, "", rounds)
+
+
 def _measured(work: str, ways: _Ways, note: str, rounds: int) -> list[Row]:
     expected = next(iter(ways.values()))().reshape(-1)
     notes = {}
@@ -76,9 +105,9 @@ def _measured(work: str, ways: _Ways, note: str, rounds: int) -> list[Row]:
     return [Row(work, method, seconds[method], UNIT, notes[method]) for method in ways]
 
 
-def _size(model: HistogramModel, taps: NDArray[np.floating]) -> str:
+def _size(model: TapModel, taps: NDArray[np.floating]) -> str:
     N, J, K = taps.shape
-    return f"{N} taps x {model.prepared.table.shape[1]} classes x {J * K} samples"
+    return f"{N} taps x {model.grid.L * model.grid.M} classes x {J * K} samples"
 
 
 def _bins(model: HistogramModel, taps: NDArray[np.floating]) -> NDArray[np.intp]:
