@@ -25,6 +25,7 @@ _SAME = MP.mpf(10) ** -50  # beliefs that differ by less, in proportion, are equ
 
 type Number = Any
 type Matrix = list[list[Number]]
+type Bins = tuple[tuple[int | None, ...], ...]
 
 
 @lru_cache(maxsize=1 << 14)
@@ -70,6 +71,7 @@ class Exact:
         self.L, self.M, self.K, self.J, self.B = case.sizes.values()
         self.prior: Matrix = [[MP.mpf(p) for p in row] for row in case.prior.tolist()]
         self._log_probability = lru_cache(maxsize=None)(self.log_probability)
+        self._of_bins = lru_cache(maxsize=None)(self.of_bins)
         self._likelihoods = _likelihoods(case, tuple(getattr(type(self), step) for step in self.LIKELIHOOD))
 
     def answers(self) -> Iterator[Answer]:
@@ -86,9 +88,9 @@ class Exact:
             except NoEvidence:
                 yield Answer(t + 1, error=ZERO_EVIDENCE)
                 return
-            seen = self.seen(before, belief)
-            where, what = self.where_marginal(seen), self.what_marginal(seen)
             if self.case.expects(t + 1):
+                seen = self.seen(before, belief)
+                where, what = self.where_marginal(seen), self.what_marginal(seen)
                 values = {
                     "log_likelihood": _floats(log_likelihood),
                     "log_evidence": float(log_evidence),
@@ -150,12 +152,15 @@ class Exact:
 
     def log_likelihood(self, tap: list[list[float]]) -> Matrix:
         """Log P(z | x_l, w_m); Eq. 1."""
-        bins = [[self.bin(value, k) for k, value in enumerate(sample)] for sample in tap]
-        return [[self.exponent * self.log_product(l, m, bins) for m in range(self.M)] for l in range(self.L)]
+        return self._of_bins(tuple(tuple(self.bin(value, k) for k, value in enumerate(sample)) for sample in tap))
 
-    def log_product(self, l: int, m: int, bins: list[list[int | None]]) -> Number:
-        """Log of the product over samples and taxels under one class; no bin is no factor."""
+    def of_bins(self, bins: Bins) -> Matrix:
+        """Log-likelihoods of all classes; no bin is no factor. Taps of a long episode may all be of a few kinds."""
         times = Counter((k, b) for sample in bins for k, b in enumerate(sample) if b is not None)
+        return [[self.exponent * self.log_product(l, m, times) for m in range(self.M)] for l in range(self.L)]
+
+    def log_product(self, l: int, m: int, times: Counter[tuple[int, int]]) -> Number:
+        """Log of the product over samples and taxels under one class, with how often each bin occurs."""
         return MP.fsum(n * self._log_probability(l, m, k, b) for (k, b), n in times.items())
 
     def step(self, belief: Matrix, move: int, log_likelihood: Matrix) -> tuple[Matrix, Matrix, Number]:

@@ -1,6 +1,7 @@
 """Common mistakes, each as the exact equations with one wrong step, and the search for one that explains an answer."""
 
 from bisect import bisect_left
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -118,8 +119,8 @@ class _LinearBelief(Exact):
 
 
 class _LinearProduct(Exact):
-    def log_product(self, l: int, m: int, bins: list[list[int | None]]) -> Number:
-        log_product = super().log_product(l, m, bins)
+    def log_product(self, l: int, m: int, times: Counter[tuple[int, int]]) -> Number:
+        log_product = super().log_product(l, m, times)
         return log_product if float(MP.exp(log_product)) > 0 else MP.ninf
 
 
