@@ -1,8 +1,10 @@
 """Fitted models that decide with parameters of a generative model, whoever wrote it."""
 
+from abc import abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -13,6 +15,9 @@ from .likelihood.shapes import Parameters
 from .likelihood.true_class import Own
 from .model import TapModel
 from .scaling import Scaling
+
+if TYPE_CHECKING:
+    from .generic.form import GenericForm
 
 _MANY_DRAWS = 100  # where nothing is integrated exactly
 
@@ -30,6 +35,15 @@ class ModelOfParameters(TapModel):
     scaling: Scaling
     parameters: Parameters
     covered: NDArray[np.bool_]
+
+    @abstractmethod
+    def by_story(self, parameters: Parameters) -> "list[GenericForm]":
+        """Likelihood forms that run the generative model at these parameters; they count equally."""
+
+    @property
+    def decides_at(self) -> Sequence[Parameters]:
+        """Parameters with which it decides, integrated over if there are several."""
+        return self.draws or (self.parameters,)
 
     @property
     def K(self) -> int:  # noqa: N802

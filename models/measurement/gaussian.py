@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .fits.cells import ANY_CELLS, CellPosterior, cell_posterior, estimated_prior, given_cells, prior_of_cells
+from .fits.cells import WEAK_CELLS, CellPosterior, cell_posterior, estimated_prior, prior_of_cells
 from .fits.posterior import check_cells
 from .fits.priors import CellPrior, Taps
 from .likelihood.bins import TableForm
@@ -18,11 +18,11 @@ from .story import Story
 
 
 def story(
-    where: Any, what: Any, taps: Any = None, *, L: int, M: int, J: int, K: int, prior: CellPrior = ANY_CELLS
+    where: Any, what: Any, taps: Any = None, *, L: int, M: int, J: int, K: int, prior: CellPrior = WEAK_CELLS
 ) -> None:
     """Generative model: normal samples for each class and taxel, at any time.
 
-    The variances of all classes of a taxel come from one inverse gamma distribution.
+    The variances of all classes of a taxel come from one inverse gamma distribution, as `prior` says.
     """
     from .fits.story_parts import cells, dist, jnp, numpyro
 
@@ -79,6 +79,5 @@ MODEL = Story(
     form=form,
     arguments=prior_of_cells,
     trained_only=True,
-    given=given_cells,
     integrated=integrated,
 )

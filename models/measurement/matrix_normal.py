@@ -16,7 +16,7 @@ from scipy.special import multigammaln, psi  # pyright: ignore[reportAttributeAc
 
 from .fits.cells import CELL
 from .fits.posterior import Convergence, Sites, ascent, check_times
-from .fits.priors import Given, Taps
+from .fits.priors import Taps
 from .likelihood.forecasts import Unseen, over_draws
 from .likelihood.forms import GaussianForm
 from .likelihood.shapes import Measure, Parameters, chain_form
@@ -26,6 +26,7 @@ from .story import Story
 
 _ROUNDS, _STILL = 200, 1e-5  # rounds at most, and the change at which they end
 _SETTLING = 10  # rounds after which the prior stays as it is
+_WEAK = 0.01  # taps that the prior of a mean is worth where none is given
 _MOST_FREEDOM = 1e4  # of the distribution that the taxel precisions of all classes come from
 
 
@@ -47,14 +48,17 @@ class KroneckerPrior(NamedTuple):
     strength: float
 
 
-def story(where: Any, what: Any, taps: Any = None, *, L: int, M: int, J: int, K: int, prior: KroneckerPrior) -> None:
+def story(
+    where: Any, what: Any, taps: Any = None, *, L: int, M: int, J: int, K: int, prior: KroneckerPrior | None = None
+) -> None:
     """Generative model: residuals correlated in time, equally in all classes, and across taxels, per class.
 
     The covariance of two samples is the product of one in time (J, J) and one across taxels (K, K). One Wishart
-    distribution holds the taxel precisions of all classes.
+    distribution holds the taxel precisions of all classes. Without a `prior` it is a weak one.
     """
     from .fits.story_parts import dist, jnp, numpyro, plates
 
+    prior = prior or weak_prior(J, K)._replace(strength=_WEAK)
     time: Any = numpyro.sample("time", dist.Wishart(prior.time_freedom, jnp.linalg.inv(prior.time_scale)))
     with plates(("L", L, -2), ("M", M, -1)):
         taxel_scale = jnp.linalg.inv(prior.taxel_scale)
@@ -241,15 +245,9 @@ def parameters_of(sites: Sites) -> Sites:
     }
 
 
-def given(parameters: Parameters, _: NDArray[np.float64]) -> Given:
-    """`story` at fixed precisions, with any prior."""
-    precisions = {name: np.linalg.inv(parameters[f"{name}_covariance"]) for name in ("time", "taxel")}
-    return Given({**parameters, **precisions}, _any_prior)
-
-
-def _any_prior(taps: Taps, _: Any) -> dict[str, KroneckerPrior]:
-    _, J, K = taps.samples.shape
-    return {"prior": KroneckerPrior(J + 1.0, np.eye(J), K + 1.0, np.eye(K), 1.0)}
+def sites_of(parameters: Parameters) -> Parameters:
+    """Sites of `story`: precisions."""
+    return {**parameters, **{name: np.linalg.inv(parameters[f"{name}_covariance"]) for name in ("time", "taxel")}}
 
 
 def form(parameters: Parameters, frame: Measure) -> GaussianForm:
@@ -295,7 +293,7 @@ MODEL = Story(
     form=form,
     arguments=arguments,
     parameters=parameters_of,
+    sites=sites_of,
     trained_only=True,
-    given=given,
     integrated=integrated,
 )

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .fits.cells import ANY_CELLS, CELL, CellPosterior, cell_posterior, estimated_prior, given_cells, prior_of_cells
+from .fits.cells import CELL, WEAK_CELLS, CellPosterior, cell_posterior, estimated_prior, prior_of_cells
 from .fits.posterior import check_times
 from .fits.priors import CellPrior, Taps
 from .likelihood.forecasts import Unseen, cells_integrated
@@ -17,11 +17,11 @@ from .story import Story
 
 
 def story(
-    where: Any, what: Any, taps: Any = None, *, L: int, M: int, J: int, K: int, prior: CellPrior = ANY_CELLS
+    where: Any, what: Any, taps: Any = None, *, L: int, M: int, J: int, K: int, prior: CellPrior = WEAK_CELLS
 ) -> None:
     """Generative model: a mean and a variance for each class, taxel and time; independent residuals.
 
-    The variances of all classes and times of a taxel come from one inverse gamma distribution.
+    The variances of all classes and times of a taxel come from one inverse gamma distribution, as `prior` says.
     """
     from .fits.story_parts import cells, dist, jnp, numpyro, plates
 
@@ -62,6 +62,5 @@ MODEL = Story(
     form=form,
     arguments=prior_of_cells,
     trained_only=True,
-    given=given_cells,
     integrated=integrated,
 )

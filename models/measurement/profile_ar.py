@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .fits.cells import ANY_CELLS, CELL, Cells, cell_posterior, estimated_prior, given_cells, prior_of_cells
+from .fits.cells import CELL, WEAK_CELLS, Cells, cell_posterior, estimated_prior, prior_of_cells
 from .fits.posterior import EXACT_CELLS, Convergence, check_times
 from .fits.priors import CellPrior, Taps
 from .likelihood.forecasts import Unseen, slopes_integrated
@@ -21,19 +21,27 @@ from .story import Story
 _GRID, _REACH = 101, 8.0  # points, and standard deviations to either side of the mode
 
 
-def story(where: Any, what: Any, taps: Any, *, L: int, M: int, J: int, K: int, prior: CellPrior = ANY_CELLS) -> None:
-    """Generative model: `profile` with each sample predicted from the previous one, with one slope per taxel."""
-    from .fits.story_parts import cells, dist, jnp, numpyro, plates
+def story(
+    where: Any, what: Any, taps: Any = None, *, L: int, M: int, J: int, K: int, prior: CellPrior = WEAK_CELLS
+) -> None:
+    """Generative model: `profile` with each sample predicted from the previous one, with one slope per taxel.
+
+    `prior` is that of the intercepts and of the variances.
+    """
+    from .fits.story_parts import cells, chain, dist, jnp, numpyro, plates
 
     with numpyro.plate("K", K, dim=-1):
         rho: Any = numpyro.sample("rho", dist.Uniform(-1.0, 1.0))
         with plates(("L", L, -4), ("M", M, -3), ("J", J, -2)):
             level, variance = cells(prior)
     own = where, what
-    before = jnp.pad(taps, ((0, 0), (1, 0), (0, 0)))[:, :-1]
+
+    def given(taps: Any) -> Any:
+        before = jnp.pad(taps, ((0, 0), (1, 0), (0, 0)))[:, :-1]
+        return dist.Normal(level[own] + rho * before, jnp.sqrt(variance[own]))
+
     with plates(("tap", len(where), -3), ("time", J, -2), ("taxel", K, -1)):
-        forecast = level[own] + rho * before
-        numpyro.sample("taps", dist.Normal(forecast, jnp.sqrt(variance[own])), obs=taps)
+        chain(given, taps, (len(where), J, K), J)
 
 
 class ArPosterior(NamedTuple):
@@ -190,6 +198,5 @@ MODEL = Story(
     form=form,
     arguments=prior_of_cells,
     trained_only=True,
-    given=given_cells,
     integrated=integrated,
 )

@@ -9,9 +9,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .fits.cells import ANY_CELLS, CELL, Cells, cell_posterior, estimated_prior
+from .fits.cells import CELL, WEAK_CELLS, Cells, cell_posterior, estimated_prior
 from .fits.posterior import Convergence, Sites, ascent, check_taxels
-from .fits.priors import CellPrior, Given, Taps
+from .fits.priors import CellPrior, Taps
 from .likelihood.forecasts import Unseen, slopes_integrated
 from .likelihood.forms import GaussianForm
 from .likelihood.shapes import Measure, Parameters, chain_form
@@ -24,14 +24,25 @@ _SETTLING = 10  # rounds after which the prior of the variances stays as it is
 
 
 def story(
-    where: Any, what: Any, taps: Any, *, L: int, M: int, J: int, K: int, prior: CellPrior, typical: Any, tightness: Any
+    where: Any,
+    what: Any,
+    taps: Any = None,
+    *,
+    L: int,
+    M: int,
+    J: int,
+    K: int,
+    prior: CellPrior = WEAK_CELLS,
+    typical: Any = 0.0,
+    tightness: Any = 4.0,
 ) -> None:
     """Generative model: `profile` with each sample predicted from the preceding taxels at the same time.
 
     The slopes are those of the modified Cholesky factor of the covariance across taxels, one factor per class; those of
-    all classes are normal around the typical ones, so that a class with few taps keeps to what the others do.
+    all classes are normal around `typical` ones, with one over `tightness` as their variance, so that a class with few
+    taps keeps to what the others do. `prior` is that of the intercepts and of the variances.
     """
-    from .fits.story_parts import cells, dist, jnp, numpyro, plates
+    from .fits.story_parts import cells, chain, dist, jnp, numpyro, plates
 
     with plates(("L", L, -3), ("M", M, -2), ("pair", K * (K - 1) // 2, -1)):
         slope: Any = numpyro.sample("slope", dist.Normal(typical, tightness**-0.5))
@@ -39,9 +50,12 @@ def story(
         level, variance = cells(prior)
     own = where, what
     slopes = jnp.zeros((L, M, K, K)).at[..., *np.tril_indices(K, -1)].set(slope)
-    forecast = level[own] + jnp.einsum("nki,nji->njk", slopes[own], taps)
+
+    def given(taps: Any) -> Any:
+        return dist.Normal(level[own] + jnp.einsum("nki,nji->njk", slopes[own], taps), jnp.sqrt(variance[own]))
+
     with plates(("tap", len(where), -3), ("time", J, -2), ("taxel", K, -1)):
-        numpyro.sample("taps", dist.Normal(forecast, jnp.sqrt(variance[own])), obs=taps)
+        chain(given, taps, (len(where), J, K), K)
 
 
 class MvnPosterior(NamedTuple):
@@ -198,14 +212,9 @@ def parameters_of(sites: Sites) -> Sites:
     return {**sites, "slope": slope}
 
 
-def given(parameters: Parameters, _: NDArray[np.float64]) -> Given:
-    """`story` at fixed slopes of pairs, with any prior."""
-    pairs = np.tril_indices(parameters["slope"].shape[-1], -1)
-    return Given({**parameters, "slope": parameters["slope"][..., *pairs]}, _any_prior)
-
-
-def _any_prior(*_: Any) -> dict[str, Any]:
-    return {"prior": ANY_CELLS, "typical": 0.0, "tightness": np.ones(())}
+def sites_of(parameters: Parameters) -> Parameters:
+    """Sites of `story`: slopes of pairs."""
+    return {**parameters, "slope": parameters["slope"][..., *np.tril_indices(parameters["slope"].shape[-1], -1)]}
 
 
 def form(parameters: Parameters, frame: Measure) -> GaussianForm:
@@ -235,7 +244,7 @@ MODEL = Story(
     form=form,
     arguments=arguments,
     parameters=parameters_of,
+    sites=sites_of,
     trained_only=True,
-    given=given,
     integrated=integrated,
 )

@@ -16,7 +16,7 @@ from ..grid import ClassGrid
 from ..taps import TapSet
 from .fits.cells import CELL, estimated_prior
 from .fits.posterior import Convergence, Sites, ascent, check_places
-from .fits.priors import CellPrior, Given, Taps
+from .fits.priors import CellPrior, Taps
 from .likelihood.forecasts import Unseen, log_t_probability
 from .likelihood.forms import GaussianForm
 from .likelihood.shapes import NO_TAXEL, Measure, Parameters, chain_form
@@ -38,32 +38,49 @@ class CurvePrior(NamedTuple):
     """Gaussian process over position in a basis of D functions.
 
     Attributes:
-        basis: Basis functions at the position of each tap, shape (N, D).
-        width: Prior standard deviation of the weights, shape (D, K).
-        a: Shape of the inverse gamma distribution of the variances, shape (K,).
-        b: Its rate, shape (K,).
+        width: Prior standard deviation of the weights, broadcast over (D, K).
+        a: Shape of the inverse gamma distribution of the variances, broadcast over (K,).
+        b: Its rate, broadcast over (K,).
     """
 
-    basis: NDArray[np.float64]
-    width: NDArray[np.float64]
-    a: NDArray[np.float64]
-    b: NDArray[np.float64]
+    width: Any
+    a: Any
+    b: Any
 
 
-def story(where: Any, what: Any, taps: Any = None, *, L: int, M: int, J: int, K: int, prior: CurvePrior) -> None:
+def story(
+    where: Any,
+    what: Any,
+    taps: Any = None,
+    *,
+    L: int,
+    M: int,
+    J: int,
+    K: int,
+    where_value: Any = None,
+    basis: Any = None,
+    place: Any = None,
+    prior: CurvePrior | None = None,
+) -> None:
     """Generative model: `profile` with mean curves that are smooth in the position of the tap.
 
     The curve is a Gaussian process with squared exponential kernel on a basis of sines, so the classes of an object
     share their taps, and positions between them have a mean too.
+
+    The basis functions are `basis`, shape (P, D), of which a tap has row `place`, by default that of its position;
+    without them they are sines at the positions `where_value`. Without a `prior` it is a weak one.
     """
     from .fits.story_parts import dist, jnp, numpyro, plates
 
-    D = prior.basis.shape[1]
+    basis = Basis.of(where_value).at(where_value) if basis is None else basis
+    D = basis.shape[1]
+    prior = prior or weak_prior(D)
     with plates(("D", D, -4), ("M", M, -3), ("J", J, -2), ("K", K, -1)):
-        weight: Any = numpyro.sample("weight", dist.Normal(0.0, prior.width[:, None, None]))
+        weight: Any = numpyro.sample("weight", dist.Normal(0.0, jnp.asarray(prior.width)[:, None, None]))
     with plates(("L", L, -4), ("M", M, -3), ("J", J, -2), ("K", K, -1)):
         variance: Any = numpyro.sample("variance", dist.InverseGamma(prior.a, prior.b))
-    curve = jnp.einsum("nd,dnjk->njk", prior.basis, weight[:, what])
+    functions = jnp.asarray(basis)[where if place is None else place]
+    curve = jnp.einsum("nd,dnjk->njk", functions, weight[:, what])
     with plates(("tap", len(where), -3), ("time", J, -2), ("taxel", K, -1)):
         deviation = jnp.sqrt(variance[where, what])
         numpyro.sample("taps", dist.Normal(curve, deviation), obs=taps)
@@ -102,6 +119,11 @@ class Basis(NamedTuple):
     def density(self, length: float) -> NDArray[np.float64]:
         """Variances of the weights for amplitude 1, shape (D,)."""
         return np.sqrt(2 * np.pi) * length * np.exp(-0.5 * (length * self.frequency) ** 2) + 1e-12
+
+
+def weak_prior(D: int) -> CurvePrior:
+    """Weak prior of curves as smooth as half the range of positions, within ten standard deviations of the mean."""
+    return CurvePrior(10.0 * np.sqrt(Basis(0.0, 1.0, D).density(0.5))[:, None], 2.0, 2.0)
 
 
 class CurvePosterior(NamedTuple):
@@ -259,10 +281,10 @@ def _bound(
     return float(noise.sum() + curves)
 
 
-def arguments(taps: Taps, posterior: CurvePosterior) -> dict[str, CurvePrior]:
+def arguments(taps: Taps, posterior: CurvePosterior) -> dict[str, Any]:
     """Arguments of `story`: the Gaussian process of the fit, at the positions of the taps."""
-    prior = posterior.prior
-    return {"prior": CurvePrior(posterior.basis.at(taps.place), posterior.width, prior.a, prior.b)}
+    prior = CurvePrior(posterior.width, posterior.prior.a, posterior.prior.b)
+    return {"basis": posterior.basis.at(taps.place), "place": np.arange(len(taps.place)), "prior": prior}
 
 
 def parameters_of(sites: Sites) -> Sites:
@@ -270,14 +292,9 @@ def parameters_of(sites: Sites) -> Sites:
     return {**sites, "weight": np.moveaxis(sites["weight"], 2, -1)}
 
 
-def given(parameters: Parameters, basis: NDArray[np.float64]) -> Given:
-    """`story` at fixed parameters, with the basis as the first axis; curves at each position in a class."""
-    return Given({**parameters, "weight": np.moveaxis(parameters["weight"], -1, 0)}, _any_curves, len(basis))
-
-
-def _any_curves(taps: Taps, functions: Any) -> dict[str, CurvePrior]:
-    K, D = taps.samples.shape[2], functions.shape[1]
-    return {"prior": CurvePrior(functions, np.ones((D, K)), np.ones(K), np.ones(K))}
+def sites_of(parameters: Parameters) -> Parameters:
+    """Sites of `story`, with the basis as the first axis of the weights."""
+    return {**parameters, "weight": np.moveaxis(parameters["weight"], -1, 0)}
 
 
 def form(parameters: Parameters, frame: Measure) -> GaussianForm:
@@ -331,7 +348,7 @@ MODEL = Story(
     form=form,
     arguments=arguments,
     parameters=parameters_of,
-    given=given,
+    sites=sites_of,
     integrated=integrated,
     basis=basis_in_classes,
     covered=between,

@@ -16,9 +16,9 @@ Riutort-Mayol et al., Statistics and Computing 33 (2023) 17 (Gaussian processes 
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from importlib.metadata import version
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -30,21 +30,25 @@ from ..settings import FitSettings, likelihood_exponent
 from ..taps import TapSet
 from ..training import tap_digests
 from .fits.posterior import Posterior, SamplePosterior, Sites
-from .fits.priors import Given, Taps, no_arguments
+from .fits.priors import Taps
 from .fitted_parameters import ModelOfParameters
+from .generic.contract import SIZES, StoryCall, StoryFunction
 from .likelihood.any_form import Form
 from .likelihood.bins import bin_edges
 from .likelihood.forecasts import Unseen
 from .likelihood.shapes import Measure, Parameters
 from .likelihood.true_class import Own
-from .model import Fitted, Row
+from .model import BINS, Fitted, Row
 from .scaling import Scaling, least_deviation
+
+if TYPE_CHECKING:
+    from .generic.form import GenericForm, Program
 
 _NO_BASIS = np.zeros((0, 0, 0))
 
 
-def _as_they_are(parameters: Parameters, _: NDArray[np.float64]) -> Given:
-    return Given(parameters)
+def _no_arguments(*_: Any) -> dict[str, Any]:
+    return {}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -54,17 +58,18 @@ class Story:
     Attributes:
         name: Name of the model.
         row: What it assumes less than the paper.
-        story: In NumPyro, in the contract of `generic.contract`, with further keyword arguments.
+        story: In NumPyro, in the contract of `generic.contract`, with keyword arguments of its own; a story of curves
+            over position takes `basis`, functions at each position, shape (L, D).
         dims: Dims of its parameters by name.
         positive: Names of the parameters that are above 0.
         exchangeable: Whether all samples of a taxel have one distribution, so that its form is a `TableForm`.
         check: Refuses taps that cannot carry it, given its name.
         closed: The posterior by its fast fit.
         form: From parameters to probabilities of bins.
-        arguments: The further keyword arguments, from the training taps and the posterior of the fast fit.
+        arguments: Those keyword arguments, from the training taps and the posterior of the fast fit.
         parameters: From sites of the story, with chain and draw in front, to parameters; default those of that name.
+        sites: From parameters to sites of the story; default those of that name.
         trained_only: Whether chains must leave classes without a tap out, because their levels are flat.
-        given: The story at parameters and basis functions (Q, L, D).
         integrated: Log probability of taps integrated over the posterior of the fast fit, shape (N,); default the mean
             over draws.
         basis: From that posterior, the training taps, the grid and their where classes to basis functions at Q places
@@ -82,10 +87,10 @@ class Story:
     form: Callable[[Parameters, Measure], Form]
     positive: tuple[str, ...] = ()
     exchangeable: bool = False
-    arguments: Callable[[Taps, Any], dict[str, Any]] = no_arguments
+    arguments: Callable[[Taps, Any], dict[str, Any]] = _no_arguments
     parameters: Callable[[Sites], Sites] | None = None
+    sites: Callable[[Parameters], Parameters] | None = None
     trained_only: bool = False
-    given: Callable[[Parameters, NDArray[np.float64]], Given] = _as_they_are
     integrated: Callable[[Any, Measure, Unseen, np.random.Generator], NDArray[np.float64]] | None = None
     basis: Callable[[Any, TapSet, ClassGrid, NDArray[np.intp]], NDArray[np.float64]] | None = None
     covered: Callable[[NDArray[np.bool_]], NDArray[np.bool_]] | None = None
@@ -213,6 +218,16 @@ class ParametricModel(ModelOfParameters):
         own = {"basis": (("place", "where", "basis_function"), self.basis)}
         return groups | {"constant_data": groups["constant_data"].assign(own)}
 
+    def by_story(self, parameters: Parameters) -> list["GenericForm"]:
+        """Forms that run the story, one for each of the places in a class."""
+        from .generic.form import GenericForm, Given
+
+        program = _program(self.story, (*self.grid.shape, *self.tap_shape))
+        sites = dict(parameters if self.story.sites is None else self.story.sites(parameters))
+        least = least_deviation(self.edges, self.K) / self.scaling.unit
+        each: list[dict[str, Any]] = [{"basis": functions} for functions in self.basis] or [{}]
+        return [GenericForm(program, Given(sites, arguments, least), self.scaling) for arguments in each]
+
     @cached_property
     def plain_form(self) -> Form:
         """Likelihood form of the parameters."""
@@ -236,6 +251,17 @@ class ParametricModel(ModelOfParameters):
             return super().integrated(posterior, taps, own, generator, gain, offset)
         unseen = Unseen((taps - offset) / gain, (self.edges - offset) / gain, own)  # as in the state of gain 1
         return self.story.integrated(posterior, self.frame, unseen, generator)
+
+
+@lru_cache
+def _program(story: Story, shape: tuple[int, int, int, int]) -> "Program":
+    """A story of taps of a shape, compiled once for all models that have it."""
+    from .generic.form import Program
+    from .generic.structure import Structure
+
+    structure = Structure(dict(story.dims), False, BINS, story.exchangeable, (), {})
+    none = np.zeros(0, dtype=np.intp)
+    return Program(StoryFunction(story.story, story.name, SIZES), structure, StoryCall(none, none, shape))
 
 
 def _check_parameters(model: ParametricModel) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .fits.posterior import Convergence, check_cells
-from .fits.priors import Given, Taps
+from .fits.priors import Taps
 from .likelihood.bins import TableForm
 from .likelihood.forecasts import log_student_probability
 from .likelihood.shapes import Measure, Parameters, standardised
@@ -125,11 +125,6 @@ def arguments(taps: Taps, _: Any) -> dict[str, Any]:
     return {"least": taps.least}
 
 
-def given(parameters: Parameters, _: NDArray[np.float64]) -> Given:
-    """`story` at fixed parameters."""
-    return Given(parameters, arguments)
-
-
 def form(parameters: Parameters, frame: Measure) -> TableForm:
     """Likelihood of bins under `story`."""
     lower, upper = standardised(parameters["level"], parameters["scale"], frame)
@@ -151,6 +146,5 @@ MODEL = Story(
     closed=fit,
     form=form,
     arguments=arguments,
-    given=given,
     own_threads=True,
 )

@@ -148,7 +148,7 @@ def main() -> None:
     taps = Taps(generator.normal(size=(N, J, K)), where, what, (L, M))
     cells = CellPrior(0.0, 1.0, 2.0, 2.0)
     kronecker = matrix_normal.KroneckerPrior(J + 2.0, np.eye(J), K + 2.0, np.eye(K), 1.0)
-    curves = smooth.CurvePrior(np.ones((N, D)), np.ones((D, K)), np.full(K, 2.0), np.full(K, 2.0))
+    curves = smooth.CurvePrior(np.ones((D, K)), np.full(K, 2.0), np.full(K, 2.0))
     models = {
         "histogram": partial(histogram_model, generator.integers(B, size=(N, J, K)), where, what, (L, M, K, B), 0.01),
         "gaussian": taps.under(gaussian.story, prior=cells),
@@ -157,7 +157,7 @@ def main() -> None:
         "profile-ar": taps.under(profile_ar.story, prior=cells),
         "profile-mvn": taps.under(profile_mvn.story, prior=cells, typical=np.zeros(K * (K - 1) // 2), tightness=4.0),
         "matrix-normal": taps.under(matrix_normal.story, prior=kronecker),
-        "smooth": taps.under(smooth.story, prior=curves),
+        "smooth": taps.under(smooth.story, basis=np.ones((L, D)), prior=curves),
     }
     drawn = [Story(name, get_model_relations(story)) for name, story in models.items()]
     folder = Path(__file__).parents[3] / "docs" / "reference" / "images"

@@ -14,7 +14,6 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from numpy.typing import NDArray
 from numpyro import handlers
@@ -100,54 +99,36 @@ def studies(sizes: Sizes) -> list[Study]:
     def taps(samples: Any) -> Taps:
         return Taps(samples, where, what, (L, M))
 
-    def cells(name: str, story: Any, fit: Any, passes: int, how: str = "exact", **more: Any) -> Study:
-        arguments = {"prior": prior} | more
-        draw = partial(_from_story, story, taps, (len(where), J, K), passes, arguments)
-        fitted = lambda samples: fit(taps(samples), arguments["prior"])  # noqa: E731
+    def study(module: Any, how: str = "exact", **arguments: Any) -> Study:
+        name = module.MODEL.name
+        draw = partial(_from_story, partial(module.story, where, what, L=L, M=M, J=J, K=K, **arguments))
+        fitted = lambda samples: module.fit(taps(samples), arguments["prior"])  # noqa: E731
         return Study(name, how, draw, fitted, partial(_quantities, name, (where, what)))
 
     return [
         _histogram_study(sizes),
-        cells("gaussian", gaussian.story, gaussian.fit, 1),
-        cells("profile", profile.story, profile.fit, 1),
-        cells("profile-ar", profile_ar.story, profile_ar.fit, J, "exact up to a grid of slopes"),
-        cells(
-            "profile-mvn",
-            profile_mvn.story,
-            profile_mvn.fit,
-            K,
+        study(gaussian, prior=prior),
+        study(profile, prior=prior),
+        study(profile_ar, "exact up to a grid of slopes", prior=prior),
+        study(
+            profile_mvn,
             "slopes and cells factorised, typical slopes estimated",
             prior=around_0,
             typical=typical,
             tightness=4.0,
         ),
-        Study(
-            "matrix-normal",
-            "both covariances factorised",
-            partial(_from_story, matrix_normal.story, taps, (len(where), J, K), 1, {"prior": wide}),
-            lambda samples: matrix_normal.fit(taps(samples), wide),
-            partial(_quantities, "matrix-normal", (where, what)),
-        ),
+        study(matrix_normal, "both covariances factorised", prior=wide),
     ]
 
 
 def _from_story(
-    story: Any, taps: Callable[[Any], Taps], shape: tuple[int, int, int], passes: int, more: Any, seed: int, n: int
+    story: Callable[[], None], seed: int, n: int
 ) -> tuple[dict[str, NDArray[np.float64]], NDArray[np.float64]]:
-    """Parameters and samples of `n` data sets as a story tells them.
-
-    A story that forecasts samples from others of the same tap is told again with the same random numbers and the
-    samples so far; each time one sample more, in the order of forecasts, is as it will stay.
-    """
+    """Parameters and samples of `n` data sets as a story without taps simulates them."""
 
     def one(key: Any) -> dict[str, Any]:
-        samples, values = jnp.zeros(shape), {}
-        for _ in range(passes):
-            told = handlers.trace(handlers.seed(handlers.uncondition(taps(samples).under(story, **more)), key))
-            sites = told.get_trace()
-            values = {name: site["value"] for name, site in sites.items() if site["type"] == "sample"}
-            samples = values["taps"]
-        return values
+        sites = handlers.trace(handlers.seed(story, key)).get_trace()
+        return {name: site["value"] for name, site in sites.items() if site["type"] == "sample"}
 
     with jax.enable_x64(True):
         values = jax.jit(jax.vmap(one))(jax.random.split(jax.random.key(derived_seed(seed, Purpose.STUDY)), n))

@@ -12,14 +12,13 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import gammaln
 
-from ..likelihood.shapes import Parameters
 from .posterior import EXACT_CELLS, Convergence
-from .priors import CellPrior, Given, Taps
+from .priors import CellPrior, Taps
 
 CELL = ("where", "what", "sample", "taxel")
 """Dims of one number per cell."""
-ANY_CELLS = CellPrior(0.0, 1.0, 1.0, 1.0)
-"""Placeholder prior for given parameters, whose own density does not matter."""
+WEAK_CELLS = CellPrior(0.0, 0.01, 2.0, 2.0)
+"""Prior of a story that is given none: levels within ten standard deviations of the mean of a taxel."""
 _LEAST = 1e-4  # of the variances that a prior expects, in units of `Scaling`
 _APART = 1e-8  # between the points of a difference
 
@@ -138,12 +137,3 @@ class CellPosterior(NamedTuple):
 def prior_of_cells(_: Taps, posterior: Any) -> dict[str, CellPrior]:
     """Prior argument of the cell models: the prior that the closed-form fit estimated."""
     return {"prior": posterior.prior}
-
-
-def given_cells(parameters: Parameters, _: NDArray[np.float64]) -> Given:
-    """Cell model at fixed parameters."""
-    return Given(parameters, _any_cells)
-
-
-def _any_cells(*_: Any) -> dict[str, CellPrior]:
-    return {"prior": ANY_CELLS}

@@ -1,6 +1,6 @@
-"""Arguments of generative models: taps, priors, and the parameters of a fitted model."""
+"""Arguments of generative models: taps and priors."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -46,23 +46,3 @@ class CellPrior(NamedTuple):
     strength: Any
     a: Any
     b: Any
-
-
-def no_arguments(*_: Any) -> dict[str, Any]:
-    """Arguments of a generative model that takes taps only: none."""
-    return {}
-
-
-class Given(NamedTuple):
-    """Generative model at the parameters of a fitted model.
-
-    Attributes:
-        sites: Values of its sites by name.
-        arguments: Its other keyword arguments, from the taps and their basis functions, shape (N, D). One function for
-            all parameters, so that programs compiled for one model serve others of the same story and sizes.
-        places: How many places in a class are equally likely.
-    """
-
-    sites: Mapping[str, NDArray[np.float64]]
-    arguments: Callable[[Taps, Any], dict[str, Any]] = no_arguments
-    places: int = 1

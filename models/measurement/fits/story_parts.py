@@ -1,7 +1,9 @@
 """Building blocks of generative models; imported only when one runs, as JAX and NumPyro take seconds to load."""
 
+from collections.abc import Callable
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpyro
 import numpyro.distributions as dist
@@ -15,6 +17,22 @@ def cells(prior: CellPrior) -> tuple[Any, Any]:
     flat = dist.ImproperUniform(dist.constraints.real, (), ())
     known = dist.Normal(prior.level, jnp.sqrt(variance / (prior.strength or 1.0)))
     return numpyro.sample("level", known if prior.strength else flat), variance
+
+
+def chain(given: Callable[[Any], Any], taps: Any, shape: tuple[int, int, int], steps: int) -> None:
+    """Samples that are each normal given those before them.
+
+    Args:
+        given: From samples (N, J, K) to the normal distribution of each, which depends on those before it.
+        taps: The samples; `None` to draw them one after another.
+        shape: (N, J, K).
+        steps: Longest chain of samples that depend on each other.
+    """
+    if taps is None:
+        key: Any = numpyro.prng_key()
+        noise = jax.random.normal(key, shape)
+        taps = jax.lax.fori_loop(0, steps, lambda _, drawn: given(drawn).loc + given(drawn).scale * noise, 0.0 * noise)
+    numpyro.sample("taps", given(taps), obs=taps)
 
 
 class plates:  # noqa: N801 - used like numpyro.plate

@@ -66,10 +66,10 @@ class StoryCall:
     where: Any
     what: Any
     shape: tuple[int, int, int, int]
-    where_value: "NDArray[np.float64]"
-    what_value: "NDArray[np.float64] | None"
-    session: Any
-    time_s: "NDArray[np.float64] | None"
+    where_value: "NDArray[np.float64] | None" = None
+    what_value: "NDArray[np.float64] | None" = None
+    session: Any = None
+    time_s: "NDArray[np.float64] | None" = None
 
     def arguments(self, names: tuple[str, ...]) -> dict[str, Any]:
         """Keyword arguments of these names.
@@ -136,9 +136,9 @@ class StoryFunction:
         """First line of its docstring, or its name."""
         return (inspect.getdoc(self.function) or self.name).splitlines()[0].rstrip(".")
 
-    def __call__(self, batch: StoryCall, taps: Any = None) -> Any:
-        """Runs the function on taps of known class, or without samples."""
-        return self.function(batch.where, batch.what, taps, **batch.arguments(self.wanted))
+    def __call__(self, batch: StoryCall, taps: Any = None, **more: Any) -> Any:
+        """Runs the function on taps of known class, or without samples; `more` are arguments of its own."""
+        return self.function(batch.where, batch.what, taps, **batch.arguments(self.wanted), **more)
 
     def guide_of(self, batch: StoryCall, taps: Any = None) -> Any:
         """Runs its own guide."""

@@ -5,10 +5,10 @@ vectorised over classes and taps. Nothing is known of the model but the contract
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import chain
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -46,12 +46,31 @@ class Program:
         return replace(self.batch, where=where, what=what, session=session)
 
 
-def _log_probability(program: Program, latents: Any, taps: Binned, where: Any, what: Any) -> jax.Array:
+class Given(NamedTuple):
+    """What a generative model is run at.
+
+    Attributes:
+        latents: Its latent variables, by name.
+        arguments: Keyword arguments of its own.
+        least: Standard deviation below which none counts, broadcast over (K,).
+    """
+
+    latents: dict[str, Any]
+    arguments: dict[str, Any] = {}  # noqa: RUF012 - never written
+    least: Any = 0.0
+
+
+def _run(program: Program, given: Given, batch: StoryCall, taps: Any, key: Any = 0) -> Any:
+    """Handler of the model at given latent variables."""
+    known: Any = given.latents
+    return seed(substitute(lambda: program.story(batch, taps, **given.arguments), data=known), key)
+
+
+def _log_probability(program: Program, given: Given, taps: Binned, where: Any, what: Any) -> jax.Array:
     """Log probability of the bins of one tap (J, K) of class (where, what)."""
     one = Binned(*(part[None] for part in taps))
-    batch = program.of(where[None], what[None], _new_session(program, latents))
-    story = seed(substitute(lambda: program.story(batch, one.samples), data=latents), 0)
-    censored = Censored(story, OBSERVED, one.swapped() if program.structure.swapped else one)
+    story = _run(program, given, program.of(where[None], what[None], _new_session(program, given)), one.samples)
+    censored = Censored(story, OBSERVED, one.swapped() if program.structure.swapped else one, given.least)
     if not program.structure.enumerated:
         observed = block(censored, hide_fn=lambda site: site["name"] != OBSERVED)
         return jnp.asarray(log_density(observed, (), {}, {})[0])
@@ -63,48 +82,47 @@ def _log_probability(program: Program, latents: Any, taps: Binned, where: Any, w
     return jnp.asarray(summed(enum(config_enumerate(local), first_available_dim=-8), (), {}, {})[0])
 
 
-def _new_session(program: Program, latents: Any) -> NDArray[np.intp]:
+def _new_session(program: Program, given: Given) -> NDArray[np.intp]:
     """Index of the last session that the latent variables know, shape (1,)."""
     for name, axis in program.structure.by_session.items():
-        return np.array([jnp.shape(latents[name])[axis] - 1])
+        return np.array([jnp.shape(given.latents[name])[axis] - 1])
     return np.zeros(1, dtype=np.intp)
 
 
 @partial(jax.jit, static_argnums=0)
-def _under_all(program: Program, latents: Any, taps: Binned) -> jax.Array:
+def _under_all(program: Program, given: Given, taps: Binned) -> jax.Array:
     """Log probability of taps (n, J, K) under every class, shape (n, L M)."""
     L, M, _, _ = program.batch.shape
     where, what = jnp.divmod(jnp.arange(L * M), M)
-    each = jax.vmap(lambda one, l, m: _log_probability(program, latents, one, l, m), (None, 0, 0))
+    each = jax.vmap(lambda one, l, m: _log_probability(program, given, one, l, m), (None, 0, 0))
     return jax.vmap(lambda one: each(one, where, what))(taps)
 
 
 @partial(jax.jit, static_argnums=0)
-def _under_own(program: Program, latents: Any, taps: Binned, where: jax.Array, what: jax.Array) -> jax.Array:
+def _under_own(program: Program, given: Given, taps: Binned, where: jax.Array, what: jax.Array) -> jax.Array:
     """Log probability of taps (n, J, K) under their own classes, shape (n,)."""
-    return jax.vmap(lambda one, l, m: _log_probability(program, latents, one, l, m))(taps, where, what)
+    return jax.vmap(lambda one, l, m: _log_probability(program, given, one, l, m))(taps, where, what)
 
 
 @partial(jax.jit, static_argnums=0)
-def _bin_table(program: Program, latents: Any, bins: Binned) -> jax.Array:
+def _bin_table(program: Program, given: Given, bins: Binned) -> jax.Array:
     """Log probability of every bin (1, B, K) of exchangeable samples, shape (L M, B, K)."""
     L, M, J, K = program.batch.shape
     where, what = np.divmod(np.arange(L * M), M)
-    batch = program.of(where, what, np.repeat(_new_session(program, latents), L * M))
-    story = seed(substitute(lambda: program.story(batch, jnp.zeros((L * M, J, K))), data=latents), 0)
+    batch = program.of(where, what, np.repeat(_new_session(program, given), L * M))
+    story = _run(program, given, batch, jnp.zeros((L * M, J, K)))
     site = trace(block(story, hide_fn=lambda site: site["name"] != OBSERVED)).get_trace()[OBSERVED]
-    log_prob = InBin(peeled(site["fn"]), bins).log_prob(bins.samples)
+    log_prob = InBin(peeled(site["fn"]), bins, given.least).log_prob(bins.samples)
     return jnp.broadcast_to(log_prob, (L * M, *bins.samples.shape[1:]))
 
 
 @partial(jax.jit, static_argnums=(0, 2))
-def drawn(program: Program, latents: Any, J: int, where: Any, what: Any, key: Any) -> jax.Array:
+def drawn(program: Program, given: Given, J: int, where: Any, what: Any, key: Any) -> jax.Array:
     """Samples (N, J, K) of taps of known class."""
     L, M, _, K = program.batch.shape
-    session = jnp.broadcast_to(_new_session(program, latents), where.shape)
+    session = jnp.broadcast_to(_new_session(program, given), where.shape)
     batch = replace(program.of(where, what, session), shape=(L, M, J, K))
-    story = seed(substitute(lambda: program.story(batch), data=latents), key)
-    value = trace(story).get_trace()[OBSERVED]["value"]
+    value = trace(_run(program, given, batch, None, key)).get_trace()[OBSERVED]["value"]
     return jnp.swapaxes(value, 1, 2) if program.structure.swapped else value
 
 
@@ -114,17 +132,17 @@ class GenericForm:
 
     Attributes:
         program: The model.
-        latents: Its latent variables, by name.
+        given: What it is run at.
         scaling: Units in which it describes samples.
         gain: Of each state, shape (S,).
         offset: Likewise.
     """
 
     program: Program
-    latents: dict[str, NDArray[np.float64]]
+    given: Given
     scaling: Scaling
-    gain: NDArray[np.float64]
-    offset: NDArray[np.float64]
+    gain: NDArray[np.float64] = field(default_factory=lambda: np.ones(1))
+    offset: NDArray[np.float64] = field(default_factory=lambda: np.zeros(1))
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -133,10 +151,10 @@ class GenericForm:
         return L, M * len(self.gain)
 
     @cached_property
-    def known(self) -> dict[str, jax.Array]:
-        """Latent variables on the device."""
+    def known(self) -> Given:
+        """What it is run at, on the device."""
         with jax.enable_x64(True):
-            return {name: jnp.asarray(values, dtype=jnp.float64) for name, values in self.latents.items()}
+            return jax.tree.map(partial(jnp.asarray, dtype=jnp.float64), self.given)
 
     exchangeable = False
     """Whether a tap may have any number of samples."""
@@ -157,7 +175,7 @@ class GenericForm:
         """Log probability of the bins of one tap (J, K) under one hypothesis, in JAX."""
         state, what = jnp.divmod(hypothesis, self.program.batch.shape[1])
         return _log_probability(
-            self.program, self.latents, _first(self._scaled(Binned.of(tap[None], edges), state)), where, what
+            self.program, self.given, _first(self._scaled(Binned.of(tap[None], edges), state)), where, what
         )
 
     def log_prob(self, taps: Any, edges: Any) -> jax.Array:
@@ -170,6 +188,16 @@ class GenericForm:
     def prepare(self, impossible: NDArray[np.bool_]) -> "PreparedGeneric":
         """Precomputed form; hypotheses in the mask `impossible`, shape (L, H), have likelihood 0."""
         return PreparedGeneric(self, impossible)
+
+    def table(self, edges: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Log probability of every bin of exchangeable samples at rest, shape (L, M, K, B)."""
+        L, M, _, K = self.program.batch.shape
+        edges = np.broadcast_to(edges, (K, edges.shape[-1]))
+        centres = 0.5 * (edges[:, :-1] + edges[:, 1:])
+        with jax.enable_x64(True):
+            bins = _on_device(centres.T[None], edges).scaled(1.0, 0.0, *self.scaling)
+            table = np.asarray(_bin_table(self.program, self.known, bins))
+        return np.moveaxis(table.reshape(L, M, -1, K), 2, 3)
 
     def own(
         self, taps: NDArray[np.floating], edges: NDArray[np.float64], where: NDArray[np.intp], what: NDArray[np.intp]
@@ -207,7 +235,7 @@ class GenericForm:
 
 
 jax.tree_util.register_dataclass(
-    GenericForm, data_fields=["latents", "scaling", "gain", "offset"], meta_fields=["program"]
+    GenericForm, data_fields=["given", "scaling", "gain", "offset"], meta_fields=["program"]
 )
 
 
@@ -263,18 +291,3 @@ def _on_device(taps: Any, edges: Any) -> Binned:
 
 
 _held = jax.jit(Binned.of)
-
-
-def bin_table(
-    program: Program, latents: dict[str, Any], scaling: Scaling, edges: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Log probability of every bin of exchangeable samples, shape (L, M, K, B)."""
-    L, M, _, K = program.batch.shape
-    edges = np.broadcast_to(edges, (K, edges.shape[-1]))
-    centres = 0.5 * (edges[:, :-1] + edges[:, 1:])
-    with jax.enable_x64(True):
-        seen = _on_device(centres.T[None], edges)
-        bins = seen.scaled(1.0, 0.0, *scaling)
-        known = {name: jnp.asarray(values, dtype=jnp.float64) for name, values in latents.items()}
-        table = np.asarray(_bin_table(program, known, bins))
-    return np.moveaxis(table.reshape(L, M, -1, K), 2, 3)

@@ -1,6 +1,6 @@
 """A generative model that keeps the contract, as a measurement model: its fit, and the fitted model."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib.metadata import version
@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...seeds import Purpose, generator
@@ -18,9 +17,9 @@ from ..fits.priors import Taps
 from ..fitted_parameters import ModelOfParameters
 from ..likelihood.any_form import Form
 from ..likelihood.bins import TableForm, bin_edges
-from ..likelihood.mixture import MixtureForm
+from ..likelihood.mixture import mean_form
 from ..likelihood.shapes import Parameters
-from ..model import Fitted, Row, in_states
+from ..model import Fitted, Row
 from ..scaling import Scaling
 from . import source
 from .contract import StoryCall, StoryFunction
@@ -29,7 +28,7 @@ if TYPE_CHECKING:
     from ...grid import ClassGrid
     from ...taps import TapSet
     from ..fits.posterior import Posterior
-    from .form import Program
+    from .form import GenericForm, Program
 
 _SESSIONS = 32  # draws of a new session where the model decides at one value
 
@@ -159,38 +158,31 @@ class GenericModel(ModelOfParameters):
     @cached_property
     def plain_form(self) -> Form:
         """Likelihood form of the parameters; of a model with sessions, the mean over new ones."""
-        if not self.program.structure.by_session:
-            return self.form_of(self.parameters)
-        return MixtureForm(tuple(map(self._form, self._in_new_sessions())))
+        return mean_form([self.form_of(parameters) for parameters in self._in_new_sessions()])
+
+    def by_story(self, parameters: Parameters) -> list["GenericForm"]:
+        """The form that runs the function for every tap."""
+        from .form import GenericForm, Given
+
+        return [GenericForm(self.program, Given(dict(parameters)), self.scaling)]
 
     @property
-    def story_form(self) -> Form:
-        """Likelihood form that runs the model for every tap, whatever faster form there is."""
-        from .form import GenericForm
+    def decides_at(self) -> Sequence[Parameters]:
+        """The draws, or the parameters, with new sessions if the model has sessions."""
+        return self.draws or self._in_new_sessions()
 
-        known = [dict(self.parameters)]
-        if self.program.structure.by_session:
-            known = self._in_new_sessions()
-        forms = [GenericForm(self.program, latents, self.scaling, np.ones(1), np.zeros(1)) for latents in known]
-        return in_states(forms[0] if len(forms) == 1 else MixtureForm(tuple(forms)), self.states, self.edges)
-
-    def form_of(self, parameters: Parameters) -> Form:
-        """Likelihood form of other parameters; their last session is the one at perception."""
-        return self._form(dict(parameters))
-
-    def _in_new_sessions(self) -> list[dict[str, NDArray[np.float64]]]:
-        """The parameters with new sessions."""
+    def _in_new_sessions(self) -> Sequence[Parameters]:
         from .sessions import with_new_session
 
+        if not self.program.structure.by_session:
+            return [self.parameters]
         generators = (generator(0, Purpose.NEW_SESSION, number) for number in range(_SESSIONS))
         return [with_new_session(self.program, self.parameters, each) for each in generators]
 
-    def _form(self, latents: dict[str, NDArray[np.float64]]) -> Form:
-        from .form import GenericForm, bin_table
-
-        if self.program.structure.exchangeable:
-            return TableForm(bin_table(self.program, latents, self.scaling, self.edges))
-        return GenericForm(self.program, latents, self.scaling, np.ones(1), np.zeros(1))
+    def form_of(self, parameters: Parameters) -> Form:
+        """Likelihood form of other parameters; their last session is the one at perception."""
+        (form,) = self.by_story(parameters)
+        return TableForm(form.table(self.edges)) if self.program.structure.exchangeable else form
 
     def groups(self) -> dict[str, xr.Dataset]:
         """Groups of the file, with a table where there is one, and the digest of the code."""

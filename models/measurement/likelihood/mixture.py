@@ -71,6 +71,11 @@ class MixtureForm(NamedTuple):
         return np.empty((0, J, 0)) if taps is None else taps
 
 
+def mean_form(parts: Sequence[Form]) -> Form:
+    """Equal mixture of forms, or the only one."""
+    return parts[0] if len(parts) == 1 else MixtureForm(tuple(parts))
+
+
 class PreparedMixture(NamedTuple):
     """Precomputed `MixtureForm`.
 

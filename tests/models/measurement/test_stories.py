@@ -178,15 +178,17 @@ def test_student_and_smooth_are_loops(rng):
     change = log_joint(moved) - log_joint(tails)
     assert change == pytest.approx(samples(moved) - samples(tails) + prior_change, rel=1e-9)
 
-    prior = CurvePrior(rng.normal(size=(N, D)), rng.uniform(1, 2, (D, K)), np.full(K, 2.0), np.full(K, 1.5))
+    basis, prior = rng.normal(size=(N, D)), CurvePrior(rng.uniform(1, 2, (D, K)), np.full(K, 2.0), np.full(K, 1.5))
     curve = {"weight": rng.normal(size=(D, M, J, K)), "variance": rng.uniform(0.5, 2, (L, M, J, K))}
-    means = np.array([np.einsum("d,djk->jk", prior.basis[n], curve["weight"][:, taps.what[n]]) for n in range(N)])
+    means = np.array([np.einsum("d,djk->jk", basis[n], curve["weight"][:, taps.what[n]]) for n in range(N)])
     expected = (
         stats.norm.logpdf(taps.samples, means, np.sqrt(curve["variance"][taps.where, taps.what])).sum()
         + stats.norm.logpdf(curve["weight"], 0.0, prior.width[:, None, None]).sum()
         + stats.invgamma.logpdf(curve["variance"], 2.0, scale=1.5).sum()
     )
-    assert joint(taps.under(smooth.story, prior=prior))(curve) == pytest.approx(expected, rel=1e-9)
+    assert joint(taps.under(smooth.story, basis=basis, place=np.arange(N), prior=prior))(curve) == pytest.approx(
+        expected, rel=1e-9
+    )
 
 
 def test_first_samples_have_no_forecast(rng):

@@ -198,6 +198,17 @@ def test_every_draw_has_a_new_session_of_its_own(taps):
     assert len(np.unique(new.round(6))) == new.size
 
 
+def test_the_story_judges_sessions_with_the_draws_and_states_that_decide(fitted, taps):
+    """A draw keeps its new session, and in states the probabilities of bins are moved."""
+    model = fitted["shifted"].model
+    states = registry.fit_model("session:gaussian", taps, taps.grid(), FitSettings(bins=B)).model.states
+    shift = model.parameters["shift"]
+    draws = tuple({**model.parameters, "shift": np.concatenate([shift, new])} for new in (shift[:1] - 1, shift[:1] + 1))
+    for other in (replace(model, draws=draws), replace(model, states=states)):
+        few = taps.taps[::9]
+        np.testing.assert_allclose(log_likelihoods(other, few), other.log_likelihood(few), rtol=1e-9, atol=1e-9)
+
+
 def test_a_story_that_ignores_labels_tells_no_classes_apart(taps):
     model = set_by_hand(alike, taps).model
     found = model.log_likelihood(taps.taps)
