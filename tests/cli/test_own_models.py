@@ -33,9 +33,8 @@ def run(tmp_path, monkeypatch, capsys, make_taps):
 
 
 def test_a_function_is_fitted_perceives_and_simulates(run):
-    fitted = "--allow-unconverged --draws 2"
+    fitted = "--allow-unconverged --draws 2 --integrate 2"
     assert "my_models.py:walk: Variational" in run(f"fit session-0.nc --model my_models.py:walk --out walk.nc {fitted}")
-    run(f"fit session-0.nc --model my_models.py:laplace --out l.nc --integrate 3 {fitted}")
     source._registered.clear()
     play = "--rig replay:session-1.nc --json --deadline 3"
 
