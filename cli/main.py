@@ -3,6 +3,7 @@
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from importlib.metadata import version as installed_version
 from typing import Annotated, Any
 
@@ -80,6 +81,12 @@ def main(
     """Active Bayesian perception for robot touch: exact posteriors over position and object."""
 
 
+@cache
+def _command() -> Any:
+    """All commands; Typer would read their options anew at each call."""
+    return typer.main.get_command(app)
+
+
 def run() -> None:
     """Runs a command; reports an error as one sentence on standard error and an exit code.
 
@@ -92,7 +99,7 @@ def run() -> None:
 
     try:
         with _without_dask(), repeated():
-            app()
+            _command()()
     except EnginesDisagree as error:
         print(f"solidtouch: {error}", file=sys.stderr)
         sys.exit(1)
