@@ -27,7 +27,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
-import h5py
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
@@ -35,7 +34,7 @@ from numpy.typing import ArrayLike, NDArray
 from .errors import InputError, check_numbers
 from .grid import ClassGrid, group, parse_length, values_from_names
 from .preprocessing import Preprocessing
-from .storage import complete_file
+from .storage import complete_file, read_groups
 
 FORMAT = 1
 _DIMS = {
@@ -346,32 +345,13 @@ class TapSet:
         Raises:
             InputError: The file is missing, damaged or not a tap set.
         """
-        dataset = load_dataset(path)
+        dataset = read_groups(path, "/")["/"]
         if dataset.attrs.get("format") != FORMAT or "taps" not in dataset:
             raise InputError(f"{path}: not a tap set of format {FORMAT}.")
         try:
             return cls(dataset)
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
-
-
-def load_dataset(path: str | Path) -> xr.Dataset:
-    """Content of a netCDF file, fully read and closed.
-
-    Raises:
-        InputError: The file is missing, a folder, truncated or not netCDF.
-    """
-    path = Path(path)
-    if path.is_dir():
-        raise InputError(f"{path}: is a folder, expected a file.")
-    if not path.exists():
-        raise InputError(f"{path}: no such file.")
-    try:
-        with h5py.File(path, "r") as file:
-            file.visititems(lambda *_: None)  # if this fails, xarray would leave the file open
-        return xr.load_dataset(path, engine="h5netcdf", decode_times=False)
-    except Exception as error:  # on damaged bytes these libraries raise almost any exception
-        raise InputError(f"{path}: not a netCDF file, or truncated.") from error
 
 
 def concatenate(parts: Sequence[TapSet], names: Sequence[str] | None = None) -> TapSet:

@@ -22,7 +22,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import h5py
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
@@ -37,7 +36,7 @@ from ..measurement.registry import KINDS, PAPER, measurement_model
 from ..measurement.states import ONE_STATE, States
 from ..preprocessing import Preprocessing
 from ..settings import parse_power
-from ..storage import write_groups
+from ..storage import read_groups, write_groups
 from .export_reader import load_exported
 
 type ModelSource = TapModel | str | Path
@@ -141,23 +140,7 @@ def model_of(source: ModelSource) -> TapModel:
 
 def _read(path: Path) -> tuple[dict[str, Any], xr.Dataset, xr.Dataset, xr.Dataset]:
     """Attributes, constant data, parameters, and those integrated over; other draws are left on disk."""
-    if path.is_dir():
-        raise InputError(f"{path}: is a folder, expected a file.")
-    if not path.exists():
-        raise InputError(f"{path}: no such file.")
-    try:
-        with h5py.File(path, "r") as file:
-            file.visititems(lambda *_: None)  # if this fails, xarray would leave the file open
-            groups = set(file)
-        root = xr.load_dataset(path, engine="h5netcdf", decode_times=False)
-        data, parameters, draws = (
-            xr.load_dataset(path, group=group, engine="h5netcdf", decode_times=False)
-            if group in groups
-            else xr.Dataset()
-            for group in ("constant_data", "parameters", "integrated")
-        )
-    except Exception as error:  # on damaged bytes these libraries raise almost any exception
-        raise InputError(f"{path}: not a netCDF file, or truncated.") from error
+    root, data, parameters, draws = read_groups(path, ("/", "constant_data", "parameters", "integrated")).values()
     attributes = dict(root.attrs)
     version = attributes.get("format")
     if attributes.get("kind") == PAPER and version == _FIRST_FORMAT:

@@ -4,9 +4,18 @@ import errno
 import os
 import stat
 
+import numpy as np
 import pytest
+import xarray as xr
 from solidtouch.models.errors import InputError
-from solidtouch.models.storage import check_folder, check_writable, complete_file, complete_folder
+from solidtouch.models.storage import (
+    check_folder,
+    check_writable,
+    complete_file,
+    complete_folder,
+    read_groups,
+    write_groups,
+)
 
 
 def names(folder):
@@ -159,3 +168,41 @@ def test_a_disk_that_fills_while_a_folder_is_written_is_an_input_error(tmp_path)
         write_half(complete_folder(tmp_path / "run"), OSError(errno.ENOSPC, "No space left on device"))
 
     assert names(tmp_path) == []
+
+
+def test_groups_are_read_as_xarray_reads_them(tmp_path):
+    """Dimensions with and without values, text, booleans, missing values, packed numbers, attributes of all kinds."""
+    inner = xr.Dataset(
+        {
+            "level": (
+                ("object", "taxel"),
+                np.array([[1.0, np.nan, 3.0], [4.0, 5.0, 6.0]]),
+                {"unit": "mm", "at": [1, 2]},
+            ),
+            "packed": ("taxel", [0.5, 1.5, np.nan], {}, {"dtype": "i2", "scale_factor": 0.5, "_FillValue": -1}),
+            "seen": ("object", [True, False]),
+            "note": ("taxel", ["a", "", "ünicode"]),
+            "alone": ((), 3),
+        },
+        {"object": ["rod 4 mm", "rod 6 mm"], "place": ("taxel", [0.5, 1.5, 2.5]), "trial": [7, 8, 9]},
+        {"format": 2, "name": "x", "share": 0.25, "empty": "", "names": ["a", "b"]},
+    )
+    path = tmp_path / "a.nc"
+    write_groups({"/": xr.Dataset(attrs={"kind": "tree"}), "inner": inner}, path)
+
+    found = read_groups(path, ("/", "inner", "missing"))
+    for name in ("/", "inner"):
+        expected = xr.load_dataset(path, group=name, engine="h5netcdf", decode_times=False)
+        xr.testing.assert_identical(found[name], expected)
+        assert {n: v.dtype for n, v in found[name].variables.items()} == {
+            n: v.dtype for n, v in expected.variables.items()
+        }
+    assert found["missing"].identical(xr.Dataset())
+
+
+def test_what_is_no_netcdf_file_is_refused(tmp_path):
+    (tmp_path / "a.nc").write_bytes(b"text")
+
+    for name, message in {"a.nc": "not a netCDF file", "b.nc": "no such file", ".": "is a folder"}.items():
+        with pytest.raises(InputError, match=message):
+            read_groups(tmp_path / name, "/")

@@ -6,7 +6,7 @@ import xarray as xr
 from solidtouch.models.errors import InputError
 from solidtouch.models.io.joining import relabel
 from solidtouch.models.preprocessing import Preprocessing
-from solidtouch.models.taps import TapSet, check_compatible, concatenate, load_dataset
+from solidtouch.models.taps import TapSet, check_compatible, concatenate
 
 
 def drop(name):
@@ -132,7 +132,7 @@ def test_other_netcdf_is_no_tap_set(tmp_path):
     with pytest.raises(InputError, match="not a tap set"):
         TapSet.load(tmp_path / "a.nc")
     with pytest.raises(InputError, match="no such file"):
-        load_dataset(tmp_path / "b.nc")
+        TapSet.load(tmp_path / "b.nc")
 
 
 def test_a_damaged_label_is_reported_with_the_file(make_taps, tmp_path):
