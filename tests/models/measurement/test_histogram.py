@@ -5,7 +5,7 @@ from dataclasses import replace
 import jax
 import numpy as np
 import pytest
-from numpyro.infer import MCMC, NUTS
+from numpyro.infer import HMC, MCMC
 from numpyro.infer.util import log_density
 from scipy.special import gammaln
 from solidtouch.hardware.simulator.session import simulate_session
@@ -279,8 +279,11 @@ def test_the_model_is_conjugate(rng):
     np.testing.assert_allclose(posterior_mean, reference.histogram_probabilities(counts, 0.3), rtol=1e-15)
 
 
-def test_nuts_recovers_the_conjugate_posterior(rng):
-    """Posterior means of 2 x 1 classes, 2 taxels and 3 bins are Eq. 2 within Monte Carlo error."""
+def test_a_chain_recovers_the_conjugate_posterior(rng):
+    """Posterior means of 2 x 1 classes, 2 taxels and 3 bins are Eq. 2 within Monte Carlo error.
+
+    The tree of NUTS would take seconds to compile.
+    """
     import arviz as az
 
     shape, pseudocount, draws = (2, 1, 2, 3), 0.8, 600
@@ -296,8 +299,8 @@ def test_nuts_recovers_the_conjugate_posterior(rng):
     deviation = np.sqrt(mean * (1 - mean) / (total + 1))
 
     sampler = MCMC(
-        NUTS(histogram_model), num_warmup=300, num_samples=draws, num_chains=2, chain_method="vectorized",
-        progress_bar=False,
+        HMC(histogram_model, trajectory_length=1.5), num_warmup=300, num_samples=draws, num_chains=2,
+        chain_method="vectorized", progress_bar=False,
     )  # fmt: skip
     sampler.run(jax.random.key(1), bins, where, np.zeros(4, int), shape, pseudocount)
     p = az.from_dict({"posterior": {"p": np.asarray(sampler.get_samples(group_by_chain=True)["p"])}})["posterior"]["p"]
