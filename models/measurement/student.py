@@ -1,5 +1,6 @@
 """`student`: `gaussian` with heavier tails, fitted by stochastic variational inference."""
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -46,16 +47,14 @@ class StudentPosterior(NamedTuple):
 
     Attributes:
         expected: Medians by name.
-        guide: NumPyro's guide.
-        state: Its parameters.
+        sampled: From a key of JAX to a draw of all latent variables.
         rounds: Steps taken.
         change: Change of the mean loss between the last two windows of steps, in nats per tap.
         loss: Negative lower bound of the evidence after each step.
     """
 
     expected: dict[str, NDArray[np.float64]]
-    guide: Any
-    state: Any
+    sampled: Callable[[Any], dict[str, Any]]
     rounds: int
     change: float
     loss: NDArray[np.float64]
@@ -78,7 +77,7 @@ class StudentPosterior(NamedTuple):
         import jax
 
         key = jax.random.key(int(generator.integers(2**31)))
-        drawn: Any = self.guide.sample_posterior(key, self.state)
+        drawn = self.sampled(key)
         return {name: np.asarray(drawn[name], dtype=np.float64) for name in _SITES}
 
 
@@ -99,15 +98,17 @@ def fit(taps: Taps) -> StudentPosterior:
     key, losses, change = jax.random.key(0), [], np.inf
     # Compiled as one program instead of one per operation. The guide keeps tracers, of which it reads only the shapes.
     state: Any = jax.jit(lambda: svi.init(key))()
+    # One program for every run: `svi.run` compiles at each call.
+    forward = jax.jit(lambda state: jax.lax.scan(lambda s, _: svi.update(s), state, length=_STEPS))
     while change > _STILL and len(losses) < _RUNS:
-        result = svi.run(key, _STEPS, progress_bar=False, init_state=state)
-        state = result.state
-        losses.append(np.asarray(result.losses, dtype=np.float64) / len(taps.where))
+        state, loss = forward(state)
+        losses.append(np.asarray(loss, dtype=np.float64) / len(taps.where))
         change = float(abs(losses[-1][-_WINDOW:].mean() - losses[-1][-2 * _WINDOW : -_WINDOW].mean()))
     params = svi.get_params(state)
     median: Any = guide.median(params)
     expected = {name: np.asarray(median[name], dtype=np.float64) for name in _SITES}
-    return StudentPosterior(expected, guide, params, _STEPS * len(losses), change, np.concatenate(losses))
+    sampled = jax.jit(lambda key: guide.sample_posterior(key, params))
+    return StudentPosterior(expected, sampled, _STEPS * len(losses), change, np.concatenate(losses))
 
 
 def _start(taps: Taps) -> dict[str, NDArray[np.float64]]:

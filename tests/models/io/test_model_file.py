@@ -40,7 +40,7 @@ def fitted(taps, grid, as_student):
     settings = FitSettings(bins=B, unconverged=True, gain_sd=0.1, offset_sd=0.2)
     models = {name: fit_model(name, taps, grid, settings, "taps.nc: all of it") for name in NAMES if name != "student"}
     student = as_student(models["gaussian"].model)
-    posterior = StudentPosterior(student.parameters, None, None, 600, 0.1, np.linspace(9.0, 2.0, 600))
+    posterior = StudentPosterior(student.parameters, lambda _: {}, 600, 0.1, np.linspace(9.0, 2.0, 600))
     return models | {"student": Fitted(student, posterior, posterior.convergence())}
 
 
