@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..models.errors import InputError
+from ..models.measurement.generic.source import undone_on_error
 from ..models.measurement.histogram import HistogramModel
 from ..models.measurement.model import TapModel
 from ..models.measurement.registry import AnyModel, model_name
@@ -190,6 +191,7 @@ class TapClassifier(ClassifierMixin, BaseEstimator):  # pyright: ignore[reportGe
         check_classification_targets(labels)
         return taps, labels
 
+    @undone_on_error()
     def _fitted(
         self, taps: NDArray[np.floating], what: ArrayLike, classes: Sequence[Any] | NDArray[Any], session: Any
     ) -> TapModel:

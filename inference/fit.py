@@ -7,6 +7,7 @@ from typing import Any
 from ..models.errors import InputError
 from ..models.grid import ClassGrid
 from ..models.io.load import TapSource, names_of, taps_of
+from ..models.measurement.generic.source import undone_on_error
 from ..models.measurement.histogram import trim
 from ..models.measurement.model import TapModel
 from ..models.measurement.registry import KINDS, PAPER, AnyModel, model_name, split_name
@@ -15,6 +16,7 @@ from ..models.taps import concatenate
 from .tuning.tempering import fit_tempered
 
 
+@undone_on_error()
 def fit(
     taps: TapSource | Sequence[TapSource],
     model: AnyModel = "histogram",

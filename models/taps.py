@@ -34,7 +34,7 @@ from numpy.typing import ArrayLike, NDArray
 from .errors import InputError, check_numbers
 from .grid import ClassGrid, group, parse_length, values_from_names
 from .preprocessing import Preprocessing
-from .storage import complete_file, read_groups
+from .storage import check_netcdf_name, check_writable, complete_file, read_groups
 
 FORMAT = 1
 _DIMS = {
@@ -330,11 +330,12 @@ class TapSet:
         return grid.where_index(self.where), grid.what_index(self.what_name)[self.what]
 
     def save(self, path: str | Path, force: bool = False) -> None:
-        """Writes the tap set as netCDF, atomically.
+        """Writes the tap set as netCDF, atomically; the name must end in `.nc`.
 
         Raises:
-            InputError: The file cannot be written, or exists and `force` is not set.
+            InputError: The file has another ending, cannot be written, or exists and `force` is not set.
         """
+        check_netcdf_name(check_writable(path, force))
         with complete_file(path, force) as temporary:
             self.dataset.to_netcdf(temporary, engine="h5netcdf")
 

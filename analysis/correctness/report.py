@@ -9,7 +9,7 @@ from ...inference.reference import ZeroEvidenceError
 from ...models.errors import InputError, check_counts
 from ...models.io.load import TapSource
 from ...models.measurement.histogram import trim
-from ...models.measurement.registry import PAPER, AnyModel, model_name, split_name
+from ...models.measurement.registry import PAPER, AnyModel, model_names, split_name
 from ...models.settings import Division, FitSettings, PlaySettings
 from ...models.splits import Split, load_experiment
 from ..experiment.crosscheck import CrossCheck, crosscheck_model
@@ -90,7 +90,7 @@ def crosscheck(
     """
     check_counts(episodes=episodes, length=length)
     check_counts(0, sequence_taps=sequence_taps, seed=seed)
-    names = [model_name(model) for model in models]
+    names = model_names(models)
     for name in names:
         split_name(name)
     settings = ExperimentSettings(fit=fit.changed(seed=seed), play=play, seed=seed)

@@ -6,6 +6,7 @@ imported when their model is asked for. Models of users are functions, see `gene
 """
 
 import re
+from collections import Counter
 from importlib import import_module
 from math import inf
 from typing import TYPE_CHECKING, Any
@@ -15,7 +16,7 @@ from ..threads import one_blas_thread
 from .generic import source
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
     from ..grid import ClassGrid
     from ..settings import FitSettings
@@ -90,6 +91,23 @@ def model_name(model: AnyModel) -> str:
     if not (isinstance(model, str) or callable(model)):
         raise InputError(f"A model is a name or a NumPyro function, got {model!r}.")
     return model if isinstance(model, str) else register(model)
+
+
+def model_names(models: "Iterable[AnyModel]") -> list[str]:
+    """Names of models, as `model_name`.
+
+    Raises:
+        InputError: As `register`, or two functions have the same name.
+    """
+    models = list(models)
+    functions = {id(model): getattr(model, "__name__", "") for model in models if callable(model)}
+    for name, count in Counter(functions.values()).items():
+        if count > 1:
+            raise InputError(
+                f"{count} functions are named {name!r}; register all but one under another name: "
+                'st.register(function, "my-model").'
+            )
+    return [model_name(model) for model in models]
 
 
 def measurement_model(kind: str) -> "MeasurementModel":

@@ -126,6 +126,13 @@ def test_a_place_that_cannot_be_written_is_refused(name, message, make_taps, tmp
         make_taps().save(tmp_path / name)
 
 
+@pytest.mark.parametrize("name", ["a.txt", "a.npz", "a"])
+def test_a_name_that_no_loader_takes_for_netcdf_is_refused(name, make_taps, tmp_path):
+    with pytest.raises(InputError, match=rf"{name}: the file name must end in \.nc\."):
+        make_taps().save(tmp_path / name)
+    assert not list(tmp_path.iterdir())
+
+
 def test_other_netcdf_is_no_tap_set(tmp_path):
     xr.Dataset({"x": ("y", [1.0])}).to_netcdf(tmp_path / "a.nc", engine="h5netcdf")
 

@@ -8,7 +8,8 @@ import importlib.util
 import inspect
 import re
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
@@ -30,6 +31,18 @@ def add(function: Callable[..., Any], name: str) -> StoryFunction:
     """
     _registered[name] = StoryFunction.of(function, name)
     return _registered[name]
+
+
+@contextmanager
+def undone_on_error() -> Iterator[None]:
+    """Takes back what is registered inside the block if that ends with an exception."""
+    before = dict(_registered)
+    try:
+        yield
+    except BaseException:
+        _registered.clear()
+        _registered.update(before)
+        raise
 
 
 def has_name(name: str) -> bool:

@@ -23,6 +23,8 @@ from solidtouch.models.measurement.registry import fit_model, model_name
 from solidtouch.models.settings import FitSettings
 from solidtouch.models.threads import one_blas_thread
 
+import solidtouch as st
+
 L, M, J, K, B = 3, 2, 5, 4, 12
 STORIES = {story.__name__: story for story in (laplace, levels, two_levels, walk, correlated, heavy, shifted)}
 
@@ -384,6 +386,37 @@ def test_a_missing_file_and_an_unknown_name_are_refused(tmp_path):
         registry.model_name(lambda: None)
     with pytest.raises(InputError, match="a name or a NumPyro function, got 3"):
         registry.model_name(3)
+
+
+def test_functions_of_one_name_are_told_apart_by_other_names(monkeypatch):
+    monkeypatch.setattr(source, "_registered", {})
+
+    def twin(where, what, taps=None): ...
+
+    twin.__name__ = "laplace"
+    with pytest.raises(InputError, match=r"2 functions are named 'laplace'; register .* st\.register"):
+        registry.model_names([laplace, "gaussian", twin])
+    assert registry.model_names([laplace, "gaussian", registry.register(twin, "twin")]) == [
+        "laplace",
+        "gaussian",
+        "twin",
+    ]
+
+
+def test_a_function_whose_fit_fails_is_not_kept(taps, monkeypatch):
+    """A name that stood for another function before stands for it still."""
+    monkeypatch.setattr(source, "_registered", {})
+
+    def fails(where, what, taps=None):
+        raise KeyError("a key")
+
+    with pytest.raises(InputError, match="failed when it was tried"):
+        st.fit(taps, fails)
+    assert source.registered("fails") is None
+    before = source.add(laplace, "fails")
+    with pytest.raises(InputError, match="failed when it was tried"):
+        st.fit(taps, fails)
+    assert source.registered("fails") is before
 
 
 def test_another_function_of_the_same_file_is_not_taken_for_the_fitted_one(in_file, taps, tmp_path):
