@@ -1,7 +1,7 @@
 """The paper's measurement model: one histogram of sample values per class and taxel.
 
-Two views of the same thing. `histogram_model` is the generative story in NumPyro, a Dirichlet prior over the bins of
-every class and taxel; `fit` is its conjugate posterior in closed form, whose mean is Eq. 2 of the paper with the
+Two views of the same thing. `story` is the generative model in NumPyro, a Dirichlet prior over the bins of every class
+and taxel; `fit` is its conjugate posterior in closed form, whose mean is Eq. 2 of the paper with the
 pseudocount as the Dirichlet concentration. The order of samples drops out of Eq. 1, so the log-likelihood of many
 taps is one matrix product of their bin counts with the log tables.
 
@@ -16,7 +16,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.special import gammaln
 
 from ..errors import InputError
@@ -31,31 +31,32 @@ from .likelihood.true_class import Own
 from .model import Fitted, Row, TapModel
 from .novelty import novelty_scores
 
+_EDGES = np.linspace(-5.0, 5.0, 41)  # of bins where none are given, in deviations within classes
 
-def histogram_model(
-    bins: ArrayLike, where: ArrayLike, what: ArrayLike, shape: tuple[int, int, int, int], pseudocount: float
+
+def story(
+    where: Any,
+    what: Any,
+    taps: Any = None,
+    *,
+    L: int,
+    M: int,
+    J: int,
+    K: int,
+    edges: Any = _EDGES,
+    pseudocount: float = 1.0,
 ) -> None:
-    """NumPyro model of the bins of taps of known class: Eq. 1 at power 1, Dirichlet priors on the histograms of Eq. 2.
+    """Generative model: samples fall into bins by Eq. 1 at power 1, with Dirichlet priors on the histograms of Eq. 2.
 
-    The posterior is Dirichlet again, with the counts added, and its mean is Eq. 2 with the pseudocount.
-
-    Args:
-        bins: Bin of every sample, shape (N, J, K).
-        where: Where class of every tap, shape (N,).
-        what: What class of every tap, shape (N,).
-        shape: (L, M, K, B).
-        pseudocount: Dirichlet concentration of every bin.
+    Samples are uniform within the bins of `edges`, shape (B + 1,) or (K, B + 1). The posterior is Dirichlet again, with
+    the counts added, and its mean is Eq. 2 with the `pseudocount`, the concentration of every bin.
     """
-    import numpyro
-    import numpyro.distributions as dist
+    from .fits.story_parts import Histogram, dist, numpyro, plates
 
-    L, M, K, B = shape
-    bins, where, what = np.asarray(bins), np.asarray(where), np.asarray(what)
-    N, J, _ = bins.shape
-    with numpyro.plate("L", L, dim=-3), numpyro.plate("M", M, dim=-2), numpyro.plate("K", K, dim=-1):
-        p: Any = numpyro.sample("p", dist.Dirichlet(np.full(B, pseudocount)))
-    with numpyro.plate("tap", N, dim=-3), numpyro.plate("J", J, dim=-2), numpyro.plate("taxel", K, dim=-1):
-        numpyro.sample("bins", dist.CategoricalProbs(probs=p[where, what][:, None]), obs=bins)
+    with plates(("L", L, -3), ("M", M, -2), ("K", K, -1)):
+        p: Any = numpyro.sample("p", dist.Dirichlet(np.full(np.shape(edges)[-1] - 1, pseudocount)))
+    with plates(("tap", len(where), -3), ("J", J, -2), ("taxel", K, -1)):
+        numpyro.sample("taps", Histogram(p[where, what][:, None], edges), obs=taps)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

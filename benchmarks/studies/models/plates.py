@@ -1,7 +1,6 @@
 """Draws docs/reference/images/model-plates.svg: plate diagrams of all NumPyro models, from the models themselves."""
 
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,9 +10,17 @@ from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
 from numpyro.infer.inspect import get_model_relations
 from solidtouch.analysis.page.figure_style import OTHERS, TWO_COLUMNS, new_figure, save, styled
-from solidtouch.models.measurement import gaussian, matrix_normal, profile, profile_ar, profile_mvn, smooth, student
+from solidtouch.models.measurement import (
+    gaussian,
+    histogram,
+    matrix_normal,
+    profile,
+    profile_ar,
+    profile_mvn,
+    smooth,
+    student,
+)
 from solidtouch.models.measurement.fits.priors import CellPrior, Taps
-from solidtouch.models.measurement.histogram import histogram_model
 
 L, M, N, J, K, B, D = 2, 1, 6, 4, 3, 7, 5
 _STEP, _GAP, _HALF = 1.2, 0.3, 0.62
@@ -150,7 +157,7 @@ def main() -> None:
     kronecker = matrix_normal.KroneckerPrior(J + 2.0, np.eye(J), K + 2.0, np.eye(K), 1.0)
     curves = smooth.CurvePrior(np.ones((D, K)), np.full(K, 2.0), np.full(K, 2.0))
     models = {
-        "histogram": partial(histogram_model, generator.integers(B, size=(N, J, K)), where, what, (L, M, K, B), 0.01),
+        "histogram": taps.under(histogram.story, edges=np.arange(B + 1.0)),
         "gaussian": taps.under(gaussian.story, prior=cells),
         "student": taps.under(student.story),
         "profile": taps.under(profile.story, prior=cells),

@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from numpyro import handlers
 from scipy.stats import binom, chisquare
 from solidtouch.models.grid import ClassGrid
-from solidtouch.models.measurement import gaussian, matrix_normal, profile, profile_ar, profile_mvn
+from solidtouch.models.measurement import gaussian, histogram, matrix_normal, profile, profile_ar, profile_mvn
 from solidtouch.models.measurement.fits.posterior import Posterior
 from solidtouch.models.measurement.fits.priors import CellPrior, Taps
-from solidtouch.models.measurement.histogram import HistogramPosterior, histogram_model
+from solidtouch.models.measurement.histogram import HistogramPosterior
 from solidtouch.models.measurement.histogram import fit as fit_histogram
 from solidtouch.models.measurement.likelihood.bins import find_bins
 from solidtouch.models.measurement.likelihood.forms import GaussianForm
@@ -138,6 +138,8 @@ def _from_story(
 
 def _as_fitted(drawn: dict[str, NDArray[np.float64]]) -> dict[str, NDArray[np.float64]]:
     """Parameters of many data sets as posteriors name and shape them."""
+    if "p" in drawn:
+        return {"log_prob": np.log(drawn["p"])}
     found = {name: drawn[name] for name in ("level", "variance", "rho") if name in drawn}
     if "slope" in drawn:
         K = drawn["level"].shape[-1]
@@ -152,22 +154,15 @@ def _as_fitted(drawn: dict[str, NDArray[np.float64]]) -> dict[str, NDArray[np.fl
 
 
 def _histogram_study(sizes: Sizes) -> Study:
-    """Samples are bins; the prior is a Dirichlet of one count per bin, so that no probability is as good as 0."""
-    pseudocount, shape = 1.0, (sizes.L, sizes.M, sizes.K, sizes.B)
+    """Bins are one unit wide; the prior is a Dirichlet of one count per bin, so that no probability is as good as 0."""
+    pseudocount = 1.0
     where, what = own_classes(sizes)
     grid = ClassGrid(np.arange(float(sizes.L)), "mm", None, tuple((str(m),) for m in range(sizes.M)))
     edges = np.arange(sizes.B + 1) - 0.5
 
-    def draw(seed: int, n: int) -> tuple[dict[str, NDArray[np.float64]], NDArray[np.float64]]:
-        def one(key: Any) -> dict[str, Any]:
-            told = handlers.trace(handlers.seed(handlers.uncondition(histogram_model), key))
-            none = np.zeros((len(where), sizes.J, sizes.K), dtype=int)
-            sites = told.get_trace(none, where, what, shape, pseudocount)
-            return {name: sites[name]["value"] for name in ("p", "bins")}
-
-        with jax.enable_x64(True):
-            values = jax.jit(jax.vmap(one))(jax.random.split(jax.random.key(derived_seed(seed, Purpose.STUDY)), n))
-            return {"log_prob": np.log(np.asarray(values["p"]))}, np.asarray(values["bins"], dtype=np.float64)
+    told = partial(
+        histogram.story, where, what, L=sizes.L, M=sizes.M, J=sizes.J, K=sizes.K, edges=edges, pseudocount=pseudocount
+    )
 
     def fit(samples: NDArray[np.float64]) -> Posterior:
         taps = TapSet.from_arrays(
@@ -186,7 +181,7 @@ def _histogram_study(sizes: Sizes) -> Study:
             "log likelihood": log_prob[own].sum(),
         }
 
-    return Study("histogram", "exact", draw, fit, quantities)
+    return Study("histogram", "exact", partial(_from_story, told), fit, quantities)
 
 
 def _quantities(

@@ -35,6 +35,41 @@ def chain(given: Callable[[Any], Any], taps: Any, shape: tuple[int, int, int], s
     numpyro.sample("taps", given(taps), obs=taps)
 
 
+class Histogram(dist.Distribution):
+    """Samples that are uniform within bins; the density of end bins goes on beyond them.
+
+    Args:
+        probs: Probabilities of the bins, shape (..., K, B).
+        edges: Their edges, shape (B + 1,) or (K, B + 1).
+    """
+
+    arg_constraints = {"probs": dist.constraints.simplex, "edges": dist.constraints.real_vector}  # noqa: RUF012
+    support = dist.constraints.real  # pyright: ignore
+
+    def __init__(self, probs: Any, edges: Any) -> None:
+        self.probs, self.edges = probs, jnp.asarray(edges)
+        super().__init__(jnp.shape(probs)[:-1])
+
+    def sample(self, key: Any, sample_shape: tuple[int, ...] = ()) -> Any:
+        """Samples of shape (*sample_shape, ..., K)."""
+        bins: Any = dist.CategoricalProbs(self.probs).sample(key, sample_shape)
+        drawn = bins[..., None] == jnp.arange(self.probs.shape[-1])
+        share = jax.random.uniform(jax.random.fold_in(key, 1), bins.shape)
+        return (drawn * (self.edges[..., :-1] + share[..., None] * jnp.diff(self.edges))).sum(axis=-1)
+
+    def log_prob(self, value: Any, intermediates: object = None) -> Any:  # noqa: ARG002
+        """Log density."""
+        lower = self.edges[..., :-1].at[..., 0].set(-jnp.inf)
+        upper = self.edges[..., 1:].at[..., -1].set(jnp.inf)
+        inside = (value[..., None] >= lower) & (value[..., None] < upper)
+        return jnp.log(jnp.where(inside, self.probs / jnp.diff(self.edges), 0.0).sum(axis=-1))
+
+    def cdf(self, value: Any) -> Any:
+        """Distribution function, as if samples beyond the bins were at their ends."""
+        share = (value[..., None] - self.edges[..., :-1]) / jnp.diff(self.edges)
+        return (self.probs * share.clip(0.0, 1.0)).sum(axis=-1)
+
+
 class plates:  # noqa: N801 - used like numpyro.plate
     """Nested NumPyro plates from names, sizes and dims."""
 

@@ -13,7 +13,8 @@ from solidtouch.hardware.simulator.settings import PRESETS
 from solidtouch.inference import reference
 from solidtouch.models.errors import InputError
 from solidtouch.models.grid import ClassGrid
-from solidtouch.models.measurement.histogram import fit, histogram_model, trim
+from solidtouch.models.measurement.fits.priors import Taps
+from solidtouch.models.measurement.histogram import fit, story, trim
 from solidtouch.models.measurement.likelihood.bins import bin_edges, find_bins
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.settings import learned_taps, likelihood_exponent, parse_power, parse_power_choice
@@ -267,7 +268,8 @@ def test_the_model_is_conjugate(rng):
     for i in range(n):
         for k in range(4):
             np.add.at(counts[where[i], what[i], k], bins[i, :, k], 1)
-    joint = jax.jit(lambda p: log_density(histogram_model, (bins, where, what, shape, 0.3), {}, {"p": p})[0])
+    told = Taps(bins, where, what, shape[:2]).under(story, edges=np.arange(6) - 0.5, pseudocount=0.3)
+    joint = jax.jit(lambda p: log_density(told, (), {}, {"p": p})[0])
     differences = []
     with jax.enable_x64(True):
         for _ in range(4):
@@ -298,11 +300,12 @@ def test_a_chain_recovers_the_conjugate_posterior(rng):
     mean = reference.histogram_probabilities(counts, pseudocount)
     deviation = np.sqrt(mean * (1 - mean) / (total + 1))
 
+    told = Taps(bins, where, np.zeros(4, int), (2, 1)).under(story, edges=np.arange(4) - 0.5, pseudocount=pseudocount)
     sampler = MCMC(
-        HMC(histogram_model, trajectory_length=1.5), num_warmup=300, num_samples=draws, num_chains=2,
-        chain_method="vectorized", progress_bar=False,
+        HMC(told, trajectory_length=1.5), num_warmup=300, num_samples=draws, num_chains=2, chain_method="vectorized",
+        progress_bar=False,
     )  # fmt: skip
-    sampler.run(jax.random.key(1), bins, where, np.zeros(4, int), shape, pseudocount)
+    sampler.run(jax.random.key(1))
     p = az.from_dict({"posterior": {"p": np.asarray(sampler.get_samples(group_by_chain=True)["p"])}})["posterior"]["p"]
 
     assert p.shape == (2, draws, *shape)

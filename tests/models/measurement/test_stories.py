@@ -6,10 +6,18 @@ import pytest
 from numpyro.infer.util import log_density
 from scipy import stats
 from scipy.special import gammaln
-from solidtouch.models.measurement import gaussian, matrix_normal, profile, profile_ar, profile_mvn, smooth, student
+from solidtouch.models.measurement import (
+    gaussian,
+    histogram,
+    matrix_normal,
+    profile,
+    profile_ar,
+    profile_mvn,
+    smooth,
+    student,
+)
 from solidtouch.models.measurement.fits.priors import CellPrior, Taps
-from solidtouch.models.measurement.histogram import HistogramPosterior, fit, histogram_model
-from solidtouch.models.measurement.likelihood.bins import find_bins
+from solidtouch.models.measurement.histogram import HistogramPosterior, fit
 from solidtouch.models.measurement.matrix_normal import KroneckerPrior
 from solidtouch.models.measurement.smooth import CurvePrior
 
@@ -80,13 +88,13 @@ def test_slopes_in_time_have_the_exact_posterior(rng, strength):
 
 
 def test_histograms_have_the_exact_posterior(make_taps, rng):
-    """That of `histogram_model`, Dirichlet with the counts added."""
+    """Dirichlet with the counts added."""
     recorded = make_taps(2, 3, 4, 5, repeats=1)
     grid = recorded.grid()
     model = fit(recorded, grid, bins=6, pseudocount=0.7)
     posterior, (where, what) = HistogramPosterior.of(model), recorded.indices(grid)
-    bins = find_bins(recorded.taps, model.edges)
-    log_joint = joint(histogram_model, bins, where, what, model.counts.shape, 0.7)
+    taps = Taps(recorded.taps, where, what, grid.shape)
+    log_joint = joint(taps.under(histogram.story, edges=model.edges, pseudocount=0.7))
     alpha = posterior.concentration
     constants = []
     for _ in range(DRAWS):

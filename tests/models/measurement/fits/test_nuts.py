@@ -1,4 +1,4 @@
-"""NUTS on the stories of tiny sets: it agrees with the fits in closed form, and says when it did not converge."""
+"""NUTS on the stories of tiny sets: it says when it did not converge; `test_laws` compares it with the fast fits."""
 
 import arviz as az
 import numpy as np
@@ -8,38 +8,22 @@ from solidtouch.models.measurement.fits import nuts as fit_nuts
 from solidtouch.models.measurement.fits.nuts import sample_story
 from solidtouch.models.measurement.fits.posterior import SamplePosterior
 from solidtouch.models.measurement.fits.priors import Taps
-from solidtouch.models.measurement.registry import fit_model
-from solidtouch.models.preprocessing import Preprocessing
-from solidtouch.models.settings import FitSettings
-from solidtouch.models.taps import TapSet
 
 L, M, J, K = 2, 2, 3, 4
 
 
-def tiny(rng, n=5, J=J, K=K, correlation=0.0):
+def tiny(rng, n=5):
     """Taps of all classes but (0, 1)."""
     where, what = (index.ravel() for index in np.indices((L, M, n))[:2])
     used = (where > 0) | (what == 0)
     where, what = where[used], what[used]
-    root = np.linalg.cholesky((1 - correlation) * np.eye(K) + correlation)
-    return Taps(rng.normal(size=(len(where), J, K)) @ root.T + what[:, None, None], where, what, (L, M))
-
-
-def errors(posterior, name):
-    """Monte Carlo standard error of the means of a parameter."""
-    values = posterior.samples[name]
-    ess = az.ess(az.from_dict({"posterior": {name: values}})["posterior"].dataset)[name].values
-    return values.std(axis=(0, 1)) / np.sqrt(ess)
+    return Taps(rng.normal(size=(len(where), J, K)) + what[:, None, None], where, what, (L, M))
 
 
 @pytest.mark.slow
-def test_profile_agrees_with_its_closed_form(rng):
-    """Means of levels and variances within five standard errors, with a class that no tap trained.
-
-    R-hat and effective sample size are the worst that ArviZ finds of all sites.
-    """
+def test_diagnostics_are_the_worst_of_all_sites(rng):
+    """Of those that ArviZ finds; a class that no tap trained has parameters, too."""
     taps = tiny(rng)
-    exact = profile.fit(taps)
     trained, over_grid = fit_nuts.trained_only(taps)
     kept = {}
 
@@ -47,17 +31,11 @@ def test_profile_agrees_with_its_closed_form(rng):
         kept.update(sites)
         return over_grid(sites)
 
-    posterior = sample_story(trained.under(profile.story, prior=exact.prior), keep, seed=3)
-    used = np.array([[True, False], [True, True]])
-    cells = exact.cells
-    expected = {"level": cells.level, "variance": cells.b / (cells.a - 1)}
+    told = trained.under(profile.story, prior=profile.fit(taps).prior)
+    posterior = sample_story(told, keep, seed=3, warm_up=100, draws=50)
 
     assert trained.shape == (3, 1)
-    assert posterior.convergence().converged
-    for name, value in expected.items():
-        assert posterior.samples[name].shape == (4, 250, L, M, J, K)
-        gap = np.abs(posterior.point()[name] - value)[used]
-        assert np.all(gap < 5 * errors(posterior, name)[used])
+    assert {values.shape for values in posterior.samples.values()} == {(4, 50, L, M, J, K)}
     data = az.from_dict({"posterior": kept})["posterior"].dataset
     assert posterior.stats["r_hat"] == pytest.approx(max(float(v.max()) for v in az.rhat(data).data_vars.values()))
     assert posterior.stats["ess"] == pytest.approx(min(float(v.min()) for v in az.ess(data).data_vars.values()))
@@ -110,51 +88,3 @@ def test_sites_become_parameters(rng):
 
     weight = rng.normal(size=(2, 3, 6, M, J, K))
     assert smooth.parameters_of({"weight": weight})["weight"].shape == (2, 3, M, J, K, 6)
-
-
-@pytest.mark.slow
-def test_factorised_posteriors_agree_with_nuts(rng):
-    """Means lie within a fifth of the posterior's width; `matrix-normal` understates covariances of few taps."""
-    taps = tiny(rng, n=12, J=2, K=2, correlation=0.6)
-    trained, over_grid = fit_nuts.trained_only(taps, {"time_covariance"})
-    mvn, kronecker = profile_mvn.fit(taps), matrix_normal.fit(taps)
-    slopes = sample_story(
-        trained.under(profile_mvn.story, **profile_mvn.arguments(trained, mvn)),
-        lambda sites: over_grid(profile_mvn.parameters_of(sites)),
-    )
-    precisions = sample_story(
-        trained.under(matrix_normal.story, prior=kronecker.prior),
-        lambda sites: over_grid(matrix_normal.parameters_of(sites)),
-    )
-    used = np.array([[True, False], [True, True]])
-    for posterior, fast, names in (
-        (slopes, mvn, ("slope", "level", "variance")),
-        (precisions, kronecker, ("level", "taxel_covariance")),
-    ):
-        assert posterior.convergence().converged
-        for name in names:
-            width = posterior.samples[name].std(axis=(0, 1))[used]
-            gap = np.abs(posterior.point()[name] - fast.point()[name])[used]
-            share = 0.6 if name == "taxel_covariance" else 0.25
-            assert np.all(gap <= share * width + 1e-9), name
-    time = precisions.point()["time_covariance"]
-    np.testing.assert_allclose(kronecker.point()["time_covariance"], time, atol=0.05)
-
-
-@pytest.mark.slow
-def test_smooth_by_nuts_makes_the_same_model(rng):
-    """Through the catalogue: the basis stays, and the taps are about as probable."""
-    where, what = np.repeat(np.arange(3), 6), np.zeros(18, int)
-    samples = np.sin(where)[:, None, None] * 3 + rng.normal(size=(18, 2, 1))
-    taps = TapSet.from_arrays(
-        samples, what, ["rod"], where=where.astype(float), where_unit="mm", preprocessing=Preprocessing(samples=2)
-    )
-    settings = FitSettings(bins=12, power="none", unconverged=True)
-    fast, slow = (
-        fit_model("smooth", taps, taps.grid(), settings.changed(method=method)) for method in ("closed", "nuts")
-    )
-    own = [fitted.model.log_likelihood(samples)[np.arange(18), where, 0].mean() for fitted in (fast, slow)]
-
-    assert slow.model.basis.shape == fast.model.basis.shape
-    assert own[1] == pytest.approx(own[0], abs=0.15)
-    assert "NUTS" in slow.convergence.sentence
