@@ -1,7 +1,7 @@
 """`solidtouch fit`: a measurement model from training taps."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Option
 
@@ -10,7 +10,8 @@ from .shared.interrupt import loading
 from .shared.options import DIVIDED, FITTING, Data, Fields, Force, Model, Seed, spelled_out
 
 if TYPE_CHECKING:
-    from ..models.io.model_file import Draws
+    import xarray as xr
+
     from ..models.measurement.model import Fitted
     from ..models.taps import TapSet
 
@@ -46,6 +47,14 @@ def fit(
     draws: Annotated[
         int, Option(min=0, help="Posterior draws to store for ArviZ, in each of 4 chains; 0 stores none.")
     ] = 25,
+    arviz: Annotated[
+        bool,
+        Option(
+            "--arviz",
+            help="Store all that ArviZ's functions need: also draws from the prior, log prior and predicted taps. "
+            "Without Markov chains draws are then in one chain, 4 times --draws.",
+        ),
+    ] = False,
     simulations: Annotated[
         int,
         Option(
@@ -74,6 +83,8 @@ def fit(
         from ..models.splits import load_experiment
 
     check_used(model, settings)
+    if arviz and not draws:
+        raise InputError("--arviz requires draws; --draws must be at least 1.")
     if simulations:
         if learned_taps(settings.power) is None:
             raise InputError("--simulations requires --power learned.")
@@ -88,7 +99,7 @@ def fit(
     grid, dropped = trim(grid, [fold.train])
     trained_on = f"{', '.join(path.name for path in data)}: {parts.description}"
     fitted, learned = fit_tempered(model, fold.train, grid, settings, trained_on)
-    kept = _draws(fitted, fold.train, draws, seed)
+    kept = _draws(fitted, fold.train, draws, seed, arviz)
     beside = "" if learned is None else _beside(model, fitted, fold.train, settings, learned.taps, simulations)
     save_model(fitted.model.with_scores(fold.train), out, force, kept, fitted.convergence)
     left_out = [*dropped, *fitted.model.left_out]
@@ -122,13 +133,21 @@ def _beside(model: str, fitted: "Fitted", taps: "TapSet", settings: "FitSettings
         return learned_beside(model, fitted.model, taps, settings, n, simulations, counted).sentence
 
 
-def _draws(fitted: "Fitted", taps: "TapSet", draws: int, seed: int) -> "Draws | None":
-    """Draws from the posterior, or `None` if it has none."""
+def _draws(fitted: "Fitted", taps: "TapSet", draws: int, seed: int, arviz: bool) -> "dict[str, xr.Dataset] | None":
+    """Groups of draws from the posterior, or `None` if it has none."""
     if not draws or fitted.posterior is None:
         return None
     with loading():
+        from dataclasses import replace
+
+        from ..models.io.arviz_tree import arviz_groups, draw_groups
         from ..models.measurement.draws import CHAINS, posterior_draws
     from .shared.progress import bars
 
     with bars() as progress:
-        return posterior_draws(fitted, taps, CHAINS, draws, seed, progress("Drawing parameters", CHAINS * draws))
+        counted = progress("Drawing parameters", CHAINS * draws)
+        if arviz:
+            model: Any = fitted.model  # every kind is a dataclass
+            model = replace(model, posterior=fitted.posterior)
+            return arviz_groups(model, taps, draws=CHAINS * draws, seed=seed, progress=counted)
+        return draw_groups(fitted.model, taps, posterior_draws(fitted, taps, CHAINS, draws, seed, counted))

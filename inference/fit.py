@@ -26,7 +26,7 @@ def fit(
 ) -> TapModel:
     """Measurement model fitted to training taps.
 
-    The model is all that is kept; `solidtouch fit` also writes draws from the posterior and how the fit converged.
+    It keeps its posterior, from which `to_arviz` draws; files of models do not.
 
     >>> import solidtouch as st
     >>> st.fit(st.simulate("paper", seed=4), bins=50, power="JK")
@@ -60,7 +60,7 @@ def fit(
     grid, dropped = trim(taps.grid() if grid is None else grid, [taps])
     fitted, _ = fit_tempered(name, taps, grid, given, "taps given to fit")
     scored: Any = fitted.model.with_scores(taps)
-    return replace(scored, left_out=(*dropped, *scored.left_out))
+    return replace(scored, left_out=(*dropped, *scored.left_out), posterior=fitted.posterior)
 
 
 def check_used(model: str, settings: FitSettings) -> None:

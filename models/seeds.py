@@ -43,6 +43,8 @@ class Purpose(IntEnum):
     NEW_SESSION = 41  # of a model that decides at one value; number of the draw
     CENTRE = 42  # of draws of a guide; number of the draw
     PARAMETERS = 14  # draws from a posterior; number of the draw
+    PRIOR = 44  # draws from a prior; number of the draw
+    PREDICTED = 45  # taps like known ones; number of the draw
     SEQUENCES = 15  # for learned powers; taps of a sequence, session
     ARM = 16  # of an online learner; episode
     SYMBOLS = 17

@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 
 from ...models import seeds
 from ...models.grid import ClassGrid
+from ...models.measurement.draws import replicated_bins
 from ...models.measurement.histogram import HistogramModel
-from ...models.measurement.likelihood.bins import TableForm, find_bins
-from ...models.measurement.likelihood.forms import GaussianForm
+from ...models.measurement.likelihood.bins import find_bins
 from ...models.measurement.likelihood.shapes import Parameters
-from ...models.measurement.model import Fitted, TapModel, in_states
+from ...models.measurement.model import Fitted, TapModel
 from ...models.taps import TapSet
 from .evidence import halves, rivals
 
@@ -328,31 +328,8 @@ def observed_statistics(labels: TapLabels, edges: NDArray[np.float64]) -> dict[s
 
 def replicate(parameters: Parameters, model: TapModel, labels: TapLabels, generator: np.random.Generator) -> BinnedTaps:
     """Taps of the same classes and, where the model knows places within a class, at the same places."""
-    form = in_states(model.form_of(parameters), model.states, model.edges)
-    state = _states_of_sessions(model.states.log_prior, labels.taps.session, generator)
-    where, hypothesis = labels.where, state * model.grid.M + labels.what
-    J = labels.taps.taps.shape[1]
-    if isinstance(form, TableForm):
-        return BinnedTaps.of(labels, form.sample_bins(where, hypothesis, J, generator), model.edges)
-    if not isinstance(form, GaussianForm) or len(form.log_weight) == 1 or model.grid.where_edges is None:
-        made = form.sample(where, hypothesis, model.edges, J, generator)
-    else:
-        edges, Q = model.grid.where_edges, len(form.log_weight)
-        share = (labels.taps.where - edges[where]) / np.diff(edges)[where]
-        made, q = np.empty(labels.taps.taps.shape), np.clip((share * Q).astype(int), 0, Q - 1)
-        for i in np.unique(q):
-            this = q == i
-            at = form._replace(mean=form.mean[i : i + 1], scale=form.scale[i : i + 1], log_weight=np.zeros(1))
-            made[this] = at.sample(where[this], hypothesis[this], model.edges, J, generator)
-    return BinnedTaps.of(labels, find_bins(made, model.edges), model.edges)
-
-
-def _states_of_sessions(
-    log_prior: NDArray[np.float64], session: NDArray[np.int64], generator: np.random.Generator
-) -> NDArray[np.intp]:
-    """One state for all taps of a session, shape (N,)."""
-    numbers, index = np.unique(session, return_inverse=True)
-    return generator.choice(len(log_prior), size=len(numbers), p=np.exp(log_prior))[index]
+    own = labels.where, labels.what
+    return BinnedTaps.of(labels, replicated_bins(parameters, model, labels.taps, own, generator), model.edges)
 
 
 def _can(statistic: Statistic, labels: TapLabels) -> bool:

@@ -6,10 +6,11 @@ group                  content
 root                   attributes: ``kind``, ``format``, settings, class grid, how the fit converged
 ``constant_data``      bin edges, training data needed by the model, states, digests of the taps
 ``parameters``         parameters for decisions (not for the histogram, whose counts are data)
-``posterior``          draws of the parameters, dims (chain, draw, ...), if requested; see `measurement.draws`
+``posterior``          draws of the parameters, dims (chain, draw, ...), if requested; see `arviz_tree`
 ``integrated``         parameters over which decisions are integrated, dims (integrated, ...), if requested
 ``sample_stats``       convergence statistics of the fit
-``log_likelihood``     ``bins``: of each training tap under its own class at power 1, dims (chain, draw, tap)
+``log_likelihood``     ``taps``: of each training tap under its own class at power 1, dims (chain, draw, tap)
+further groups         ``prior``, ``log_prior``, ``posterior_predictive`` and ``observed_data``, if requested
 =====================  =====================================================================================
 
 Files of format 1, from versions with the histogram model only, can also be read, and files without a saturation, which
@@ -18,9 +19,9 @@ then is unlimited.
 
 import json
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -46,23 +47,11 @@ _FIRST_FORMAT = 1
 _ROUNDING = 1e-9
 
 
-class Draws(NamedTuple):
-    """Posterior draws stored with a model, for ArviZ.
-
-    Attributes:
-        parameters: Draws by name, shapes (chain, draw, ...).
-        log_likelihood: Log-likelihood of each training tap under its class at power 1, shape (chain, draw, N).
-    """
-
-    parameters: dict[str, NDArray[np.float32]]
-    log_likelihood: NDArray[np.float32]
-
-
 def save_model(
     model: TapModel,
     path: str | Path,
     force: bool = False,
-    draws: Draws | None = None,
+    groups: Mapping[str, xr.Dataset] | None = None,
     convergence: Convergence | None = None,
 ) -> None:
     """Writes a model as netCDF, atomically.
@@ -71,24 +60,19 @@ def save_model(
         model: The model.
         path: The file.
         force: Whether to overwrite an existing file.
-        draws: Posterior draws to store with it.
+        groups: Groups to store with it, see `arviz_tree`.
         convergence: Convergence statistics to store with it.
 
     Raises:
         InputError: The file cannot be written, or exists and `force` is not set, or the model cannot be stored.
     """
-    groups = model.groups()
-    if draws is not None:
-        posterior = {name: (("chain", "draw", *model.dims[name]), values) for name, values in draws.parameters.items()}
-        numbers = dict(zip(("chain", "draw"), map(np.arange, draws.log_likelihood.shape[:2]), strict=True))
-        groups["posterior"] = xr.Dataset(posterior, model.grid.coords() | numbers)
-        groups["log_likelihood"] = xr.Dataset({"bins": (("chain", "draw", "tap"), draws.log_likelihood)}, numbers)
+    written = model.groups() | dict(groups or {})
     if convergence is not None:
         ended = {"converged": str(convergence.converged), "fit": convergence.sentence}
-        groups["/"] = groups["/"].assign_attrs(ended)
+        written["/"] = written["/"].assign_attrs(ended)
         stats = {name: (("step",) * np.ndim(value), value) for name, value in convergence.stats.items()}
-        groups["sample_stats"] = xr.Dataset(stats)
-    write_groups(groups, path, force)
+        written["sample_stats"] = xr.Dataset(stats)
+    write_groups(written, path, force)
 
 
 def load_model(path: str | Path, story: Callable[..., Any] | str | None = None) -> TapModel:

@@ -6,22 +6,36 @@ else. Every draw has random numbers of its own, so it does not matter which of t
 
 from collections.abc import Callable, Iterator
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from ..io.model_file import Draws
 from ..seeds import Purpose, generator
 from ..taps import TapSet
 from ..threads import cores, in_order, one_blas_thread
 from .generic.story import GenericModel
+from .likelihood.bins import TableForm, find_bins
+from .likelihood.forms import GaussianForm
 from .likelihood.shapes import Parameters
 from .likelihood.true_class import Own, OwnTaps
-from .model import Fitted, TapModel
+from .model import Fitted, TapModel, in_states
 from .story import ParametricModel
 
 CHAINS = 4
+
+
+class Draws(NamedTuple):
+    """Posterior draws stored with a model, for ArviZ.
+
+    Attributes:
+        parameters: Draws by name, shapes (chain, draw, ...).
+        log_likelihood: Log-likelihood of each training tap under its class at power 1, shape (chain, draw, N).
+    """
+
+    parameters: dict[str, NDArray[np.float32]]
+    log_likelihood: NDArray[np.float32]
 
 
 def posterior_draws(
@@ -88,13 +102,17 @@ def drawn(fitted: Fitted, taps: TapSet, draws: int, seed: int) -> Iterator[tuple
         return parameters, own.log_probability(model.form_of(parameters))
 
     with one_blas_thread():
-        yield from in_order((partial(draw, number) for number in range(draws)), _threads(model))
+        yield from in_order((partial(draw, number) for number in range(draws)), threads_of(model))
 
 
-def _threads(model: TapModel) -> int:
-    if isinstance(model, GenericModel):  # NumPyro runs models in one thread at a time
-        return 1
-    return 1 if isinstance(model, ParametricModel) and model.story.own_threads else cores(None)
+def threads_of(model: TapModel) -> int:
+    """How many draws of its parameters may be made at the same time; NumPyro runs models in one thread at a time."""
+    return 1 if by_numpyro(model) else cores(None)
+
+
+def by_numpyro(model: TapModel) -> bool:
+    """Whether NumPyro makes the draws of its parameters, unless they are chains that are made already."""
+    return isinstance(model, GenericModel) or (isinstance(model, ParametricModel) and model.story.own_threads)
 
 
 def plug_in(fitted: Fitted, taps: NDArray[np.floating], own: Own) -> NDArray[np.float64]:
@@ -121,3 +139,37 @@ def integrated(
     for gain, offset, log_prior in zip(*model.states, strict=True):
         parts.append(log_prior + model.integrated(posterior, taps, own, generator, gain, offset))
     return np.logaddexp.reduce(parts, axis=0)
+
+
+def replicated_bins(
+    parameters: Parameters, model: TapModel, taps: TapSet, own: Own, generator: np.random.Generator
+) -> NDArray[np.integer]:
+    """Bins of taps drawn at known parameters, of the classes of given taps, shape (N, J, K).
+
+    All taps of a session are in one state and, where the model knows places within a class, at the places given.
+    """
+    form = in_states(model.form_of(parameters), model.states, model.edges)
+    state = _states_of_sessions(model.states.log_prior, taps.session, generator)
+    where, hypothesis = own[0], state * model.grid.M + own[1]
+    J = taps.taps.shape[1]
+    if isinstance(form, TableForm):
+        return form.sample_bins(where, hypothesis, J, generator)
+    if not isinstance(form, GaussianForm) or len(form.log_weight) == 1 or model.grid.where_edges is None:
+        made = form.sample(where, hypothesis, model.edges, J, generator)
+    else:
+        edges, Q = model.grid.where_edges, len(form.log_weight)
+        share = (taps.where - edges[where]) / np.diff(edges)[where]
+        made, q = np.empty(taps.taps.shape), np.clip((share * Q).astype(int), 0, Q - 1)
+        for i in np.unique(q):
+            this = q == i
+            at = form._replace(mean=form.mean[i : i + 1], scale=form.scale[i : i + 1], log_weight=np.zeros(1))
+            made[this] = at.sample(where[this], hypothesis[this], model.edges, J, generator)
+    return find_bins(made, model.edges)
+
+
+def _states_of_sessions(
+    log_prior: NDArray[np.float64], session: NDArray[np.int64], generator: np.random.Generator
+) -> NDArray[np.intp]:
+    """One state for all taps of a session, shape (N,)."""
+    numbers, index = np.unique(session, return_inverse=True)
+    return generator.choice(len(log_prior), size=len(numbers), p=np.exp(log_prior))[index]

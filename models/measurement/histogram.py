@@ -24,7 +24,7 @@ from ..grid import ClassGrid
 from ..settings import FitSettings, likelihood_exponent
 from ..taps import TapSet
 from ..training import tap_digests
-from .fits.posterior import EXACT, Convergence
+from .fits.posterior import EXACT, ByClass, Convergence
 from .likelihood.bins import TableForm, bin_edges, count_taps, find_bins
 from .likelihood.shapes import Parameters
 from .likelihood.true_class import Own
@@ -123,6 +123,10 @@ class HistogramModel(TapModel):
         with np.errstate(divide="ignore"):
             gained = np.where(rows > 0, gammaln(rows + times) - gammaln(np.maximum(rows, 1e-300)), -np.inf)
         return base + np.bincount(tap, gained, minlength=N)
+
+    def prior(self, posterior: "HistogramPosterior") -> "DirichletPrior":
+        """Prior of the histograms."""
+        return DirichletPrior(posterior.concentration.shape, self.pseudocount)
 
     @property
     def K(self) -> int:  # noqa: N802
@@ -321,6 +325,28 @@ class HistogramPosterior(NamedTuple):
             ).sum()
             plug_in[n] = (counts * np.log(rest / total[:, None])).sum()
         return LeftOut(integrated, plug_in)
+
+
+class DirichletPrior(NamedTuple):
+    """Symmetric Dirichlet prior of the histograms.
+
+    Attributes:
+        shape: (L, M, K, B).
+        pseudocount: Concentration of every bin.
+    """
+
+    shape: tuple[int, ...]
+    pseudocount: float
+
+    def draw(self, generator: np.random.Generator) -> Parameters:
+        """Draw of the log probabilities of bins."""
+        return HistogramPosterior(np.full(self.shape, self.pseudocount)).draw(generator)
+
+    def log_density(self, parameters: Parameters) -> ByClass:
+        """Log density of the probabilities of each class."""
+        a, B = self.pseudocount, self.shape[-1]
+        density = gammaln(B * a) - B * gammaln(a) + (a - 1) * parameters["log_prob"].sum(axis=-1)
+        return {"log_prob": (("where", "what"), density.sum(axis=-1))}
 
 
 class LeftOut(NamedTuple):

@@ -117,7 +117,7 @@ class KroneckerPosterior(NamedTuple):
         noise = rows @ generator.standard_normal(self.level.shape) @ columns.swapaxes(-1, -2)
         level = self.level + noise / np.sqrt(np.maximum(self.strength, 1.0))[..., None, None]
         unit = np.trace(time) / len(time)
-        return {"level": level, "time_covariance": time / unit, "taxel_covariance": taxel * unit}
+        return {"level": level, "time_covariance": time / unit, "taxel_covariance": taxel * unit, "unit": unit}
 
 
 def weak_prior(J: int, K: int) -> KroneckerPrior:
@@ -242,12 +242,15 @@ def parameters_of(sites: Sites) -> Sites:
         "level": sites["level"],
         "time_covariance": time / unit[..., None, None],
         "taxel_covariance": taxel * unit.reshape(*unit.shape, *([1] * (taxel.ndim - unit.ndim))),
+        "unit": unit,
     }
 
 
 def sites_of(parameters: Parameters) -> Parameters:
     """Sites of `story`: precisions."""
-    return {**parameters, **{name: np.linalg.inv(parameters[f"{name}_covariance"]) for name in ("time", "taxel")}}
+    unit = parameters.get("unit", 1.0)
+    time, taxel = parameters["time_covariance"] * unit, parameters["taxel_covariance"] / unit
+    return {"level": parameters["level"], "time": np.linalg.inv(time), "taxel": np.linalg.inv(taxel)}
 
 
 def form(parameters: Parameters, frame: Measure) -> GaussianForm:

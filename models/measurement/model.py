@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from ..preprocessing import Preprocessing
     from ..settings import FitSettings
     from ..taps import TapSet
-    from .fits.posterior import Convergence, Posterior
+    from .fits.posterior import Convergence, Posterior, Prior
     from .likelihood.any_form import Form, Prepared
     from .likelihood.shapes import Parameters
     from .likelihood.true_class import Own
@@ -59,6 +59,7 @@ class TapModel(ABC):
         states: What all taps of an episode share and nobody knows before it; one state for most models.
         draws: Parameters from the posterior over which decisions are integrated; none to decide at one value.
         saturation: How many taps' evidence the taps of an episode carry at most, see `inference.filter`.
+        posterior: Posterior of its parameters, if it was fitted in this process; no file and no pickle has it.
 
     Raises:
         InputError: The saturation is not above 0.
@@ -77,6 +78,11 @@ class TapModel(ABC):
     states: States = ONE_STATE
     saturation: float = np.inf
     draws: "tuple[Parameters, ...]" = ()
+    posterior: "Posterior | None" = None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All but the posterior, which may hold compiled programs."""
+        return {**vars(self), "posterior": None}
 
     def __post_init__(self) -> None:
         """Checks the saturation."""
@@ -119,6 +125,14 @@ class TapModel(ABC):
             TypeError: It has no parameters.
         """
         raise TypeError(f"A model of type {type(self).__name__} has no draws.")
+
+    def prior(self, posterior: Any) -> "Prior":  # noqa: ARG002
+        """Prior of its parameters, given what the fit with this posterior found that all classes share.
+
+        Raises:
+            TypeError: It has no parameters.
+        """
+        raise TypeError(f"A model of type {type(self).__name__} has no prior.")
 
     def integrated(
         self,

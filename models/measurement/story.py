@@ -29,7 +29,7 @@ from ..grid import ClassGrid
 from ..settings import FitSettings, likelihood_exponent
 from ..taps import TapSet
 from ..training import tap_digests
-from .fits.posterior import Posterior, SamplePosterior, Sites
+from .fits.posterior import Posterior, Prior, SamplePosterior, Sites
 from .fits.priors import Taps
 from .fitted_parameters import ModelOfParameters
 from .generic.contract import SIZES, StoryCall, StoryFunction
@@ -145,7 +145,8 @@ class Story:
         posterior = self.closed(scaled)
         basis = _NO_BASIS if self.basis is None else self.basis(posterior, used, grid, scaled.where)
         if settings.method == "nuts":
-            posterior = self.sample(scaled, self.arguments(scaled, posterior), settings.seed)
+            chains = self.sample(scaled, self.arguments(scaled, posterior), settings.seed)
+            posterior = chains._replace(given=self.arguments(scaled.first(), posterior))
         return posterior, basis
 
     def sample(self, taps: Taps, arguments: dict[str, Any], seed: int) -> SamplePosterior:
@@ -156,6 +157,21 @@ class Story:
         trained, over_grid = nuts.trained_only(taps, shared) if self.trained_only else (taps, lambda sites: sites)
         told = trained.under(self.story, **arguments)
         return nuts.sample_story(told, lambda sites: over_grid(self.parameters_of(sites)), seed)
+
+    def prior(self, posterior: Any, shape: tuple[int, int, int, int]) -> Prior:
+        """Prior of the parameters for taps of shape (L, M, J, K), given what the fit found that all classes share."""
+        from .fits.prior import StoryPrior
+
+        (L, M, J, K), none = shape, np.zeros(1, dtype=np.intp)
+        one = Taps(np.zeros((1, J, K)), none, none, (L, M), np.zeros(1))
+        given = posterior.given if isinstance(posterior, SamplePosterior) else self.arguments(one, posterior)
+
+        def parameters(sites: Sites) -> Sites:
+            found = self.parameters_of({name: values[None, None] for name, values in sites.items()})
+            return {name: values[0, 0] for name, values in found.items()}
+
+        told = one.under(self.story, **(given or {}))
+        return StoryPrior(told, ("taps",), self.sites or (lambda drawn: drawn), parameters, {})
 
     def parameters_of(self, sites: Sites) -> Sites:
         """Parameters of all draws, from sites with leading axes chain and draw."""
@@ -209,6 +225,10 @@ class ParametricModel(ModelOfParameters):
     def dims(self) -> dict[str, tuple[str, ...]]:
         """Dims of the parameters."""
         return dict(self.story.dims)
+
+    def prior(self, posterior: Any) -> Prior:
+        """Prior of its parameters, given what the fit found that all classes share."""
+        return self.story.prior(posterior, (*self.grid.shape, *self.tap_shape))
 
     def groups(self) -> dict[str, xr.Dataset]:
         """Groups of the file, with basis functions if there are any."""

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .fits.posterior import Convergence, check_cells
+from .fits.posterior import Convergence, Sites, check_cells
 from .fits.priors import Taps
 from .likelihood.bins import TableForm
 from .likelihood.forecasts import log_student_probability
@@ -73,12 +73,11 @@ class StudentPosterior(NamedTuple):
         return Convergence(fine, sentence, {"loss": self.loss, "change": np.array(self.change)})
 
     def draw(self, generator: np.random.Generator) -> dict[str, NDArray[np.float64]]:
-        """Parameters from the posterior."""
+        """Parameters from the posterior, and what is typical of their taxel."""
         import jax
 
         key = jax.random.key(int(generator.integers(2**31)))
-        drawn = self.sampled(key)
-        return {name: np.asarray(drawn[name], dtype=np.float64) for name in _SITES}
+        return {name: np.asarray(values, dtype=np.float64) for name, values in self.sampled(key).items()}
 
 
 def fit(taps: Taps) -> StudentPosterior:
@@ -121,6 +120,11 @@ def _start(taps: Taps) -> dict[str, NDArray[np.float64]]:
     return {"level": level, "scale": 0.7 * scale, "freedom": np.full(level.shape[-1], 4.0)}
 
 
+def parameters_of(sites: Sites) -> Sites:
+    """All latent variables."""
+    return sites
+
+
 def arguments(taps: Taps, _: Any) -> dict[str, Any]:
     """Arguments of `story` besides taps."""
     return {"least": taps.least}
@@ -147,5 +151,6 @@ MODEL = Story(
     closed=fit,
     form=form,
     arguments=arguments,
+    parameters=parameters_of,
     own_threads=True,
 )

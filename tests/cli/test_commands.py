@@ -8,6 +8,7 @@ import pytest
 import xarray as xr
 from solidtouch.analysis.experiment.crosscheck import CrossCheck, RouteDifference
 from solidtouch.inference.fit import fit
+from solidtouch.models.io.arviz_tree import to_arviz
 from solidtouch.models.io.model_file import load_model
 from solidtouch.models.measurement.registry import NAMES, fit_model
 from solidtouch.models.settings import FitSettings
@@ -69,8 +70,25 @@ def test_fit_writes_any_model_with_its_draws(command, tmp_path, taps_file, name)
     np.testing.assert_array_equal(model.log_likelihood(taps.taps), expected.log_likelihood(taps.taps))
     assert (model.novelty is None) == (name != "histogram")
     with xr.open_datatree(tmp_path / "model.nc", engine="h5netcdf") as tree:
-        assert tree["log_likelihood"]["bins"].sizes == {"chain": 4, "draw": 3, "tap": len(train)}
+        assert tree["log_likelihood"]["taps"].sizes == {"chain": 4, "draw": 3, "tap": len(train)}
         assert tree.attrs["fit"].startswith("The posterior is exact")
+
+
+def test_fit_writes_all_that_arviz_needs(command, tmp_path, taps_file):
+    """Beside what decides; it is what `to_arviz` gives."""
+    words = ("--model", "gaussian", "--bins", 9, "--draws", 8)
+    done = command("fit", taps_file, "--out", tmp_path / "model.nc", *words, "--arviz")
+    taps = TapSet.load(taps_file)
+    train = taps.select(taps.session == 0)
+    expected = to_arviz(fit(train, "gaussian", bins=9), train, draws=32)
+
+    assert done.code == 0
+    with xr.open_datatree(tmp_path / "model.nc", engine="h5netcdf") as tree:
+        for name, group in expected.children.items():
+            xr.testing.assert_allclose(tree[name].to_dataset(), group.to_dataset())
+    assert load_model(tmp_path / "model.nc").name == "gaussian"
+    refused = command("fit", taps_file, "--out", tmp_path / "none.nc", "--arviz", "--draws", 0)
+    assert (refused.code, "--arviz requires draws" in refused.err) == (2, True)
 
 
 def test_fit_keeps_a_saturation(command, tmp_path, taps_file):

@@ -80,7 +80,7 @@ def trained_only(taps: Taps, shared: Container[str] = ()) -> tuple[Taps, Callabl
     def over_grid(parameters: Sites) -> Sites:
         return {
             name: values
-            if name in shared
+            if name in shared or values.ndim < 4
             else values[:, :, source, 0].reshape(*values.shape[:2], L, M, *values.shape[4:])
             for name, values in parameters.items()
         }

@@ -1,6 +1,7 @@
-"""The posterior of a model's parameters: its interface, its convergence, and one given by Markov chain draws."""
+"""Posterior and prior of a model's parameters: interfaces, convergence, and a posterior given by Markov chains."""
 
-from typing import NamedTuple, Protocol
+from collections.abc import Mapping
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,11 +52,27 @@ class Posterior(Protocol):
         ...
 
     def draw(self, generator: np.random.Generator) -> Parameters:
-        """A draw of the parameters."""
+        """A draw of the parameters, and of what its density in the generative model depends on besides."""
         ...
 
     def convergence(self) -> Convergence:
         """Convergence of the fit."""
+        ...
+
+
+type ByClass = dict[str, tuple[tuple[str, ...], NDArray[np.float64]]]
+"""Log densities by name, each with its dims: `where` and `what` where classes have one each, else none."""
+
+
+class Prior(Protocol):
+    """Distribution of a model's parameters before the training taps."""
+
+    def draw(self, generator: np.random.Generator) -> Parameters:
+        """A draw of the parameters; without those of which the prior is flat."""
+        ...
+
+    def log_density(self, parameters: Parameters) -> ByClass:
+        """Log density of a draw from the posterior, 0 where the prior is flat."""
         ...
 
 
@@ -71,10 +88,12 @@ class SamplePosterior(NamedTuple):
     Attributes:
         samples: By name, shapes (chain, draw, ...).
         stats: `r_hat` and `ess`, the worst of all parameters, and `divergences`, how many.
+        given: Keyword arguments of the generative model for one tap, if it takes any.
     """
 
     samples: Sites
     stats: dict[str, float]
+    given: Mapping[str, Any] | None = None
 
     def point(self) -> Parameters:
         """Posterior means."""
@@ -90,11 +109,20 @@ class SamplePosterior(NamedTuple):
         )
         return Convergence(fine, sentence, {name: np.array(value) for name, value in stats.items()})
 
+    @property
+    def sizes(self) -> tuple[int, int]:
+        """Numbers of chains and of draws of each."""
+        chains, draws = next(iter(self.samples.values())).shape[:2]
+        return chains, draws
+
+    def at(self, chain: int, draw: int, _: np.random.Generator) -> Parameters:
+        """One draw of a chain."""
+        return {name: values[chain, draw] for name, values in self.samples.items()}
+
     def draw(self, generator: np.random.Generator) -> Parameters:
         """One of the draws."""
-        chains, draws = next(iter(self.samples.values())).shape[:2]
-        chain, draw = generator.integers(chains), generator.integers(draws)
-        return {name: values[chain, draw] for name, values in self.samples.items()}
+        chains, draws = self.sizes
+        return self.at(int(generator.integers(chains)), int(generator.integers(draws)), generator)
 
 
 FEWEST_PLACES = 3

@@ -31,6 +31,10 @@ class Taps(NamedTuple):
         (L, M), (_, J, K) = self.shape, self.samples.shape
         return lambda: story(self.where, self.what, self.samples, L=L, M=M, J=J, K=K, **arguments)
 
+    def first(self) -> "Taps":
+        """The first tap."""
+        return self._replace(samples=self.samples[:1], where=self.where[:1], what=self.what[:1], place=self.place[:1])
+
 
 class CellPrior(NamedTuple):
     """Normal-inverse-gamma prior of the level and variance of a cell: a class, time and taxel.

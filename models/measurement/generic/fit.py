@@ -86,6 +86,15 @@ class ChainPosterior(NamedTuple):
         """R-hat, effective sample size and divergences."""
         return self.chains.convergence()
 
+    @property
+    def sizes(self) -> tuple[int, int]:
+        """Numbers of chains and of draws of each."""
+        return self.chains.sizes
+
+    def at(self, chain: int, draw: int, generator: np.random.Generator) -> Parameters:
+        """One draw of a chain."""
+        return self.chains.at(chain, draw, generator)
+
     def draw(self, generator: np.random.Generator) -> Parameters:
         """One of the draws."""
         return self.chains.draw(generator)

@@ -54,6 +54,16 @@ class InNewSessions(NamedTuple):
         """Convergence of the fit."""
         return self.inner.convergence()
 
+    @property
+    def sizes(self) -> tuple[int, int] | None:
+        """Numbers of chains and of draws of each, if it has chains."""
+        return getattr(self.inner, "sizes", None)
+
+    def at(self, chain: int, draw: int, generator: np.random.Generator) -> Parameters:
+        """One draw of a chain, with a new session."""
+        inner: Any = self.inner
+        return with_new_session(self.program, inner.at(chain, draw, generator), generator)
+
     def draw(self, generator: np.random.Generator) -> Parameters:
         """Latent variables from the posterior, with a new session."""
         return with_new_session(self.program, self.inner.draw(generator), generator)

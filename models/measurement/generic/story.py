@@ -27,7 +27,7 @@ from .contract import StoryCall, StoryFunction
 if TYPE_CHECKING:
     from ...grid import ClassGrid
     from ...taps import TapSet
-    from ..fits.posterior import Posterior
+    from ..fits.posterior import Posterior, Prior
     from .form import GenericForm, Program
 
 _SESSIONS = 32  # draws of a new session where the model decides at one value
@@ -183,6 +183,22 @@ class GenericModel(ModelOfParameters):
         """Likelihood form of other parameters; their last session is the one at perception."""
         (form,) = self.by_story(parameters)
         return TableForm(form.table(self.edges)) if self.program.structure.exchangeable else form
+
+    def prior(self, posterior: Any) -> "Prior":  # noqa: ARG002 - as all models
+        """Prior of its latent variables."""
+        from ..fits.prior import StoryPrior
+
+        structure = self.program.structure
+        sessions = [np.shape(self.parameters[name])[axis] for name, axis in structure.by_session.items()]
+        which = np.arange(sessions[0] + 1 if sessions else 1)
+        taps = self.program.of(0 * which, 0 * which, which)
+        return StoryPrior(
+            lambda: self.program.story(taps),
+            ("taps", *structure.enumerated),
+            lambda drawn: drawn,
+            lambda sites: sites,
+            structure.by_session,
+        )
 
     def groups(self) -> dict[str, xr.Dataset]:
         """Groups of the file, with a table where there is one, and the digest of the code."""

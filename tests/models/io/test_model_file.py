@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 import xarray as xr
 from solidtouch.models.errors import InputError
-from solidtouch.models.io.model_file import Draws, load_model, save_model
+from solidtouch.models.io.arviz_tree import draw_groups
+from solidtouch.models.io.model_file import load_model, save_model
 from solidtouch.models.measurement import registry
-from solidtouch.models.measurement.draws import posterior_draws
+from solidtouch.models.measurement.draws import Draws, posterior_draws
 from solidtouch.models.measurement.histogram import fit
 from solidtouch.models.measurement.model import Fitted
 from solidtouch.models.measurement.novelty import NoveltyScores
@@ -192,15 +193,18 @@ def test_arviz_opens_files_with_draws(fitted, taps, tmp_path, name):
     import arviz as az  # where it comes before NumPyro, it leaves a lazy one behind that lacks submodules
 
     draws = posterior_draws(fitted[name], taps, 4, 10, 0)
-    save_model(fitted[name].model, tmp_path / "model.nc", draws=draws, convergence=fitted[name].convergence)
+    model, groups = fitted[name].model, draw_groups(fitted[name].model, taps, draws)
+    save_model(model, tmp_path / "model.nc", groups=groups, convergence=fitted[name].convergence)
     tree = opened(tmp_path / "model.nc")
-    parameter = next(iter(fitted[name].model.dims))
+    parameter = next(iter(model.dims))
+    dims = ["time" if dim == "sample" else dim for dim in model.dims[parameter]]
 
     assert np.isfinite(az.loo(tree, reff=1.0).elpd)
-    assert tree["posterior"][parameter].dims == ("chain", "draw", *fitted[name].model.dims[parameter])
-    assert tree["log_likelihood"]["bins"].sizes == {"chain": 4, "draw": 10, "tap": len(taps)}
-    assert tree["posterior"]["what"].values.tolist() == list(fitted[name].model.grid.what_name)
-    np.testing.assert_array_equal(tree["log_likelihood"]["bins"], draws.log_likelihood)
+    assert list(tree["posterior"][parameter].dims) == ["chain", "draw", *dims]
+    assert tree["log_likelihood"]["taps"].sizes == {"chain": 4, "draw": 10, "tap": len(taps)}
+    assert tree["posterior"]["what"].values.tolist() == list(model.grid.what_name)
+    np.testing.assert_array_equal(tree["log_likelihood"]["session"], taps.session)
+    np.testing.assert_array_equal(tree["log_likelihood"]["taps"], draws.log_likelihood)
     assert tree.attrs["converged"] == "True"
 
 
@@ -215,14 +219,14 @@ def test_what_shows_convergence_is_kept(fitted, tmp_path):
     assert "posterior" not in tree.children
 
 
-def test_loading_leaves_draws_on_disk(fitted, tmp_path):
+def test_loading_leaves_draws_on_disk(fitted, taps, tmp_path):
     """A model loads beside draws that no memory holds."""
     model = fitted["profile"].model
     small = Draws(
         {name: np.zeros((1, 1, *values.shape), np.float32) for name, values in model.parameters.items()},
-        np.zeros((1, 1, 2), np.float32),
+        np.zeros((1, 1, len(taps)), np.float32),
     )
-    save_model(model, tmp_path / "model.nc", draws=small)
+    save_model(model, tmp_path / "model.nc", groups=draw_groups(model, taps, small))
     with h5py.File(tmp_path / "model.nc", "r+") as file:
         for group in ("posterior", "log_likelihood"):
             file[group].create_dataset("vast", shape=(1 << 24, 1 << 24), dtype="f8", chunks=(1, 1 << 16))
@@ -388,7 +392,8 @@ def test_damaged_parameters_are_refused(fitted, tmp_path, name, save_damaged, me
 def test_every_half_of_a_file_is_refused(fitted, taps, tmp_path):
     """Wherever the end is cut off, also within the draws."""
     path = tmp_path / "model.nc"
-    save_model(fitted["gaussian"].model, path, draws=posterior_draws(fitted["gaussian"], taps, 1, 3, 0))
+    model, draws = fitted["gaussian"].model, posterior_draws(fitted["gaussian"], taps, 1, 3, 0)
+    save_model(model, path, groups=draw_groups(model, taps, draws))
     whole = path.read_bytes()
     for part in range(1, 10):
         path.write_bytes(whole[: len(whole) * part // 10])

@@ -325,8 +325,9 @@ def test_draws_are_parameters_of_the_same_model(name):
     drawn = fitted.posterior.draw(np.random.default_rng(1))
     again, other = (fitted.posterior.draw(np.random.default_rng(seed)) for seed in (1, 2))
 
-    assert {n: v.shape for n, v in drawn.items()} == {n: v.shape for n, v in point.items()}
-    for key, value in drawn.items():
+    assert {n: drawn[n].shape for n in point} == {n: v.shape for n, v in point.items()}
+    for key in point:
+        value = drawn[key]
         np.testing.assert_array_equal(again[key], value)
         assert not np.array_equal(value, point[key])
         assert not np.array_equal(value, other[key])

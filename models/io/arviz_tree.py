@@ -1,0 +1,342 @@
+"""Fitted models as trees that the functions of ArviZ take.
+
+The observed variable has the name `taps` in every group, so that no function needs to be told which one it is. It is
+one number per tap, a statistic of its samples, as taps have hundreds of these. Draws of models that are fitted in
+closed form are independent and make one chain.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from datetime import UTC, datetime
+from functools import partial
+from importlib.metadata import version
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from ..errors import InputError, check_count
+from ..measurement.draws import Draws, by_numpyro, replicated_bins, threads_of
+from ..measurement.fits.posterior import ByClass
+from ..measurement.likelihood.bins import find_bins
+from ..measurement.likelihood.shapes import Parameters
+from ..measurement.likelihood.true_class import OwnTaps
+from ..measurement.model import TapModel
+from ..seeds import Purpose, generator
+from ..taps import TapSet
+from ..threads import in_order, one_blas_thread
+
+TAPS = "taps"
+_SAMPLED = ("chain", "draw")
+_ALONG = {"sample": "time", "other_sample": "other_time"}  # ArviZ has a dimension `sample` of its own
+
+type Statistic = str | Callable[[NDArray[np.float64]], NDArray[np.float64]]
+"""A name of `STATISTICS`, or a function of taps (N, J, K), shape (N,)."""
+STATISTICS = {
+    "mean": "mean of the samples of a tap",
+    "peak": "largest sample of a tap",
+    "log_score": "log probability of the bins of a tap under its class",
+    "samples": "samples",
+}
+"""Statistics of taps by name; `log_score` is at the parameters that decide, `samples` is all of a tap."""
+
+
+def to_arviz(
+    model: TapModel,
+    taps: TapSet,
+    *,
+    draws: int = 100,
+    statistic: Statistic = "mean",
+    var_names: Sequence[str] | None = None,
+    coords: Mapping[str, Any] | None = None,
+    seed: int = 0,
+    progress: Callable[[int], None] | None = None,
+) -> xr.DataTree:
+    """A model of `fit` as a tree for ArviZ; docs/how-to/arviz.md lists what can be done with it.
+
+    >>> import solidtouch as st
+    >>> taps = st.simulate("paper", seed=4)
+    >>> tree = to_arviz(st.fit(taps, bins=20), taps, draws=2, coords={"taxel": [0]})
+    >>> sorted(tree.children)
+    ['log_likelihood', 'log_prior', 'observed_data', 'posterior', 'posterior_predictive', 'prior']
+    >>> dict(tree["posterior_predictive"].sizes)
+    {'chain': 1, 'draw': 2, 'tap': 1600}
+
+    Args:
+        model: The model, fitted in this process.
+        taps: Its training taps or some of them; those outside its classes are left out.
+        draws: How many of parameters and of predicted taps; of Markov chains, how many at most.
+        statistic: What is predicted and observed of a tap.
+        var_names: Names of the parameters to keep; default all.
+        coords: Labels of the parameters to keep by dimension, such as `{"what": ["6 mm rod"], "taxel": [0, 3]}`;
+            default all.
+        seed: Random seed.
+        progress: Called with the number of draws since the last call.
+
+    Raises:
+        InputError: The model has no posterior, or an argument is out of range.
+    """
+    groups = arviz_groups(
+        model, taps, draws=draws, statistic=statistic, var_names=var_names, coords=coords, seed=seed, progress=progress
+    )
+    tree = xr.DataTree.from_dict(groups)
+    tree.attrs = dict(tree["posterior"].attrs)
+    return tree
+
+
+def arviz_groups(
+    model: TapModel,
+    taps: TapSet,
+    *,
+    draws: int,
+    statistic: Statistic = "mean",
+    var_names: Sequence[str] | None = None,
+    coords: Mapping[str, Any] | None = None,
+    seed: int = 0,
+    progress: Callable[[int], None] | None = None,
+) -> dict[str, xr.Dataset]:
+    """Groups of the tree of `to_arviz` by name."""
+    check_count(draws, "draws", 1)
+    if model.posterior is None:
+        raise InputError(
+            f"This {model.name} model has no posterior: it comes from a file, or its prior is improper. Fit it again, "
+            "or store draws with it by solidtouch fit --arviz."
+        )
+    used = model.usable(taps)
+    chains = _Chains.of(model, draws, seed)
+    predicted = _Predicted.of(model, used, statistic)
+    prior, keep = model.prior(model.posterior), partial(_labelled, model, var_names, coords)
+    parts: dict[str, list[xr.Dataset]] = {}
+    for number, drawn in enumerate(chains.each(partial(predicted.of_draw, seed))):
+        before = prior.draw(generator(seed, Purpose.PRIOR, number))
+        found = {
+            "posterior": keep(drawn.parameters),
+            "prior": keep(before),
+            "log_likelihood": xr.Dataset({TAPS: ("tap", drawn.log_likelihood)}),
+            "posterior_predictive": xr.Dataset({TAPS: (predicted.dims, drawn.predicted)}),
+            "log_prior": _selected(_masked(model, prior.log_density(drawn.parameters)), coords),
+        }
+        for name, part in found.items():
+            parts.setdefault(name, []).append(part)
+        if progress is not None:
+            progress(1)
+    known = tap_coords(model, used)
+    groups = {name: chains.joined(each) for name, each in parts.items()}
+    groups["observed_data"] = xr.Dataset({TAPS: (predicted.dims, predicted.observed)})
+    for name in ("log_likelihood", "posterior_predictive", "observed_data"):
+        groups[name] = groups[name].assign_coords(known)
+    for name in ("posterior_predictive", "observed_data"):
+        groups[name][TAPS].attrs["long_name"] = predicted.told
+    attributes = _attributes(model, chains)
+    return {name: group.assign_attrs(attributes) for name, group in groups.items() if group.data_vars}
+
+
+def draw_groups(model: TapModel, taps: TapSet, draws: Draws) -> dict[str, xr.Dataset]:
+    """Groups `posterior` and `log_likelihood` of draws that were made before.
+
+    Args:
+        model: The model.
+        taps: Its training taps, as given to `posterior_draws`.
+        draws: Draws of its parameters, and log-likelihoods.
+    """
+    numbers = dict(zip(_SAMPLED, map(np.arange, draws.log_likelihood.shape[:2]), strict=True))
+    parameters = {name: ((*_SAMPLED, *model.dims[name]), values) for name, values in draws.parameters.items()}
+    known = numbers | tap_coords(model, model.usable(taps))
+    return {
+        "posterior": _renamed(xr.Dataset(parameters, model.grid.coords() | numbers)),
+        "log_likelihood": xr.Dataset({TAPS: ((*_SAMPLED, "tap"), draws.log_likelihood)}, known),
+    }
+
+
+def tap_coords(model: TapModel, taps: TapSet) -> dict[str, Any]:
+    """Coordinates of known taps: number, class and session."""
+    where, what = taps.indices(model.grid)
+    return {
+        "tap": np.arange(len(taps)),
+        "where": ("tap", model.grid.where_value[where], {"units": model.grid.where_unit}),
+        "what": ("tap", np.asarray(model.grid.what_name, dtype=np.str_)[what]),
+        "session": ("tap", taps.session),
+    }
+
+
+class _Drawn(NamedTuple):
+    """What belongs to one draw of the parameters."""
+
+    parameters: Parameters
+    log_likelihood: NDArray[np.float32]
+    predicted: NDArray[np.float32]
+
+
+class _Chains(NamedTuple):
+    """Draws of a posterior in their order.
+
+    Attributes:
+        model: The model.
+        shape: Numbers of chains and of draws of each.
+        at: From the number of a draw to parameters.
+        markov: Whether they are Markov chains.
+    """
+
+    model: TapModel
+    shape: tuple[int, int]
+    at: Callable[[int], Parameters]
+    markov: bool
+
+    @classmethod
+    def of(cls, model: TapModel, draws: int, seed: int) -> "_Chains":
+        """Independent draws, or those of Markov chains, evenly thinned to as many at most."""
+        posterior: Any = model.posterior
+        sizes = getattr(posterior, "sizes", None)
+        if sizes is None:
+            at = lambda number: posterior.draw(generator(seed, Purpose.PARAMETERS, number))  # noqa: E731
+            return cls(model, (1, draws), at, markov=False)
+        chains, length = sizes
+        kept = np.linspace(0, length - 1, max(1, min(length, draws // chains))).astype(np.intp)
+
+        def chained(number: int) -> Parameters:
+            chain, draw = divmod(number, len(kept))
+            return posterior.at(chain, kept[draw], generator(seed, Purpose.PARAMETERS, number))
+
+        return cls(model, (chains, len(kept)), chained, markov=True)
+
+    def each(self, follow: Callable[[int, Parameters], _Drawn]) -> Any:
+        """What follows from each draw, in order."""
+        tasks = (partial(lambda n: follow(n, self.at(n)), n) for n in range(self.shape[0] * self.shape[1]))
+        with one_blas_thread():
+            yield from in_order(tasks, threads_of(self.model))
+
+    def joined(self, parts: Sequence[xr.Dataset]) -> xr.Dataset:
+        """Datasets of all draws in one, with chain and draw in front."""
+        first, numbers = parts[0], dict(zip(_SAMPLED, map(np.arange, self.shape), strict=True))
+        values = {
+            name: (
+                (*_SAMPLED, *first[name].dims),
+                np.stack([part[name].values for part in parts]).reshape(*self.shape, *first[name].shape),
+            )
+            for name in first.data_vars
+        }
+        return xr.Dataset(values, {**first.coords, **numbers})
+
+
+class _Predicted(NamedTuple):
+    """A statistic of known taps, and of taps like them.
+
+    Attributes:
+        model: The model.
+        taps: Known taps.
+        own: Their log probabilities under their own classes.
+        statistic: Of taps (N, J, K) at the centres of their bins.
+        told: What it is.
+        dims: Its dims.
+        observed: Its values for the known taps.
+    """
+
+    model: TapModel
+    taps: TapSet
+    own: OwnTaps
+    statistic: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+    told: str
+    dims: tuple[str, ...]
+    observed: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, model: TapModel, taps: TapSet, statistic: Statistic) -> "_Predicted":
+        """Statistic of known taps.
+
+        Raises:
+            InputError: There is no such statistic, or it does not give one number per tap.
+        """
+        own = taps.indices(model.grid)
+        known = OwnTaps(taps.taps, own, model.edges, model.states)
+        named: dict[Any, Any] = {
+            "mean": lambda values: values.mean(axis=(1, 2)),
+            "peak": lambda values: values.max(axis=(1, 2)),
+            "log_score": lambda v: OwnTaps(v, own, model.edges, model.states).log_probability(model.plain_form),
+            "samples": lambda values: values,
+        }
+        of: Any = named.get(statistic, statistic)
+        if not callable(of):
+            raise InputError(f"statistic must be a function or one of {', '.join(STATISTICS)}, got {statistic!r}.")
+        observed = np.asarray(of(_centres(model, find_bins(taps.taps, model.edges))), dtype=np.float32)
+        whole = statistic == "samples"
+        if observed.shape != (taps.taps.shape if whole else (len(taps),)):
+            raise InputError(f"statistic must give one number per tap, shape ({len(taps)},), got {observed.shape}.")
+        told = STATISTICS[statistic] if isinstance(statistic, str) else getattr(of, "__name__", "statistic")
+        return cls(model, taps, known, cast(Any, of), told, ("tap", "time", "taxel") if whole else ("tap",), observed)
+
+    def of_draw(self, seed: int, number: int, parameters: Parameters) -> _Drawn:
+        """Log-likelihood of the known taps, and the statistic of taps drawn at these parameters."""
+        chance = generator(seed, Purpose.PREDICTED, number)
+        bins = replicated_bins(parameters, self.model, self.taps, self.taps.indices(self.model.grid), chance)
+        log_likelihood = self.own.log_probability(self.model.form_of(parameters))
+        predicted = self.statistic(_centres(self.model, bins))
+        return _Drawn(parameters, log_likelihood.astype(np.float32), np.asarray(predicted, dtype=np.float32))
+
+
+def _centres(model: TapModel, bins: NDArray[np.integer]) -> NDArray[np.float64]:
+    """Samples at the centres of their bins, which is all that models of bins know of them."""
+    edges = np.broadcast_to(model.edges, (model.K, model.edges.shape[-1]))
+    centres = 0.5 * (edges[:, :-1] + edges[:, 1:])
+    return centres[np.arange(model.K), bins]
+
+
+def _labelled(
+    model: TapModel, var_names: Sequence[str] | None, coords: Mapping[str, Any] | None, parameters: Parameters
+) -> xr.Dataset:
+    """Parameters with their dims and labels, as far as they are wanted.
+
+    Raises:
+        InputError: A name or label is none of the model.
+    """
+    wanted = list(model.dims) if var_names is None else [var_names] if isinstance(var_names, str) else list(var_names)
+    if unknown := [name for name in wanted if name not in model.dims]:
+        raise InputError(
+            f"The {model.name} model has no parameter {unknown[0]!r}; choose from {', '.join(model.dims)}."
+        )
+    values = {n: (model.dims[n], np.asarray(parameters[n], np.float32)) for n in wanted if n in parameters}
+    labels = {
+        name: label for name, label in model.grid.coords().items() if any(name in dims for dims, _ in values.values())
+    }
+    return _selected(_renamed(xr.Dataset(values, labels)), coords)
+
+
+def _renamed(parameters: xr.Dataset) -> xr.Dataset:
+    """Parameters with dims that ArviZ takes."""
+    renamed = parameters.rename({old: new for old, new in _ALONG.items() if old in parameters.dims})
+    return renamed.isel(once=0) if "once" in renamed.dims else renamed
+
+
+def _selected(values: xr.Dataset, coords: Mapping[str, Any] | None) -> xr.Dataset:
+    """Values at labels of those dims that they have.
+
+    Raises:
+        InputError: There is no such label.
+    """
+    for dim, label in (coords or {}).items():
+        if dim not in values.dims:
+            continue
+        try:
+            values = values.sel({dim: np.atleast_1d(label)})
+        except (KeyError, IndexError):
+            there = values[dim].values.tolist()
+            raise InputError(f"coords: {dim} has no {label!r}; it has {there}.") from None
+    return values
+
+
+def _masked(model: TapModel, densities: ByClass) -> xr.Dataset:
+    """Log densities of the prior by name; 0 for classes without a training tap."""
+    trained = xr.DataArray(model.trained, model.grid.coords(), ("where", "what"))
+    values = xr.Dataset(dict(densities), {name: trained[name] for name in trained.dims})
+    return xr.Dataset({n: v.where(trained, 0.0) if {"where", "what"} <= set(v.dims) else v for n, v in values.items()})
+
+
+def _attributes(model: TapModel, chains: _Chains) -> dict[str, str]:
+    """Attributes that ArviZ gives every group."""
+    library = "numpyro" if chains.markov or by_numpyro(model) else "solidtouch"
+    return {
+        "created_at": datetime.now(UTC).isoformat(),
+        "creation_library": "solidtouch",
+        "creation_library_version": version("solidtouch"),
+        "inference_library": library,
+        "inference_library_version": version(library),
+    }
