@@ -111,6 +111,8 @@ def fit(
     print(f"{model}: {fitted.convergence.sentence}")
     if not fitted.convergence.converged:
         print("Warning: the fit did not converge.")
+    if fitted.convergence.warning:
+        print(f"Warning: {fitted.convergence.warning}")
     if draws and kept is None:
         print("Note: without a pseudocount the posterior is improper, so no draws are stored.")
     print(f"{grid.L} x {grid.M} (position, object) classes from {len(fold.train)} taps, in {out}")

@@ -1,5 +1,6 @@
 """Fits a measurement model to training taps, and learns its power if requested."""
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -40,6 +41,9 @@ def fit(
         settings: Fields of `FitSettings`, such as `bins=100`, `pseudocount=0.01` or `power="J"`; a power may also be
             `"learned"`, which leaves out each training session in turn.
 
+    Warns:
+        UserWarning: The prior of a function is far from the taps.
+
     Raises:
         InputError: A model or setting is unknown, out of range or not for this model, or the taps cannot
             carry the model.
@@ -59,6 +63,8 @@ def fit(
         raise InputError(f"The grid has positions in {grid.where_unit!r}, the taps in {taps.where_unit!r}.")
     grid, dropped = trim(taps.grid() if grid is None else grid, [taps])
     fitted, _ = fit_tempered(name, taps, grid, given, "taps given to fit")
+    if fitted.convergence.warning:
+        warnings.warn(fitted.convergence.warning, stacklevel=2)
     scored: Any = fitted.model.with_scores(taps)
     return replace(scored, left_out=(*dropped, *scored.left_out), posterior=fitted.posterior)
 

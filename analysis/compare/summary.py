@@ -69,6 +69,7 @@ def summarise(comparison: Comparison, settings: CompareSettings, described: Row)
             *_no_class_left(comparison),
             *_alone(names),
             *_measures(comparison),
+            *(warning for fit in comparison.fits.values() if (warning := fit.convergence.warning)),
         ],
         "taps": _taps(comparison),
         "contacts": [int(n) for n in comparison.classes["contacts"].values],

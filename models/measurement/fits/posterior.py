@@ -18,11 +18,13 @@ class Convergence(NamedTuple):
         converged: Whether it may be used; always where the posterior is exact.
         sentence: How it was found, and what shows that it did or did not converge.
         stats: Numbers behind it, by name.
+        warning: What else a user should know of the fit.
     """
 
     converged: bool
     sentence: str
     stats: dict[str, NDArray[np.float64]]
+    warning: str = ""
 
 
 EXACT = Convergence(True, "The posterior is exact.", {})

@@ -4,7 +4,8 @@ Hoffman and Gelman, JMLR 15 (2014) 1593 (NUTS); Kucukelbir et al., JMLR 18 (2017
 """
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -35,7 +36,8 @@ _RATE, _WINDOW = 0.03, 100
 _AT_ONCE = 50  # steps of one call of the compiled program; TRIED and STEPS are multiples of it
 _STILL, _PER_SAMPLE = 0.5, 1e-3  # change between windows in nats per tap, and per sample, whichever allows more
 _CENTRED = 200  # draws of a guide whose mean is taken
-_TRIES = 3  # draws from the prior at which a density is looked at
+_TRIES = 10  # draws from the prior at which a density is looked at
+_FAR = 10.0  # times by which a prior must miss the level or spread of the taps to be called far
 _MOST_CURVED = 5000  # dimensions of a Laplace approximation
 
 
@@ -138,14 +140,20 @@ def posterior(fit: Fit, method: str) -> GuidePosterior | ChainPosterior:
         InputError: The model fails, its density is nowhere finite, or there are too many latent variables for
             `laplace`.
     """
+    with _running(fit):
+        if method == "nuts":
+            return _chains(fit)
+        if method == "laplace":
+            _check_size(fit)
+        return _guided(fit, method)
+
+
+@contextmanager
+def _running(fit: Fit) -> Iterator[None]:
+    """Runs a user's function in double precision; what it raises becomes a sentence."""
     with jax.enable_x64(True), numpyro.validation_enabled(False):
         try:
-            _check_density(fit)
-            if method == "nuts":
-                return _chains(fit)
-            if method == "laplace":
-                _check_size(fit)
-            return _guided(fit, method)
+            yield
         except InputError:
             raise
         except Exception as error:  # whatever a user's function raises
@@ -291,26 +299,54 @@ def _centre(fit: Fit, draws: dict[str, NDArray[np.float64]]) -> Parameters:
     return {name: np.asarray(found[name], dtype=np.float64) for name in fit.names}
 
 
-def _check_density(fit: Fit) -> None:
-    """Checks the log density of the training taps at values drawn from the prior.
+def check_prior(fit: Fit) -> str:
+    """Looks at the prior predictive distribution and at the log density of the training taps at draws from the prior.
+
+    Returns:
+        A sentence where the prior is far from the taps, else nothing.
 
     Raises:
-        InputError: That of a tap is no number, or the distribution excludes a tap, whatever is drawn.
+        InputError: The density of a tap is no number, or the distribution excludes a tap, whatever is drawn; or the
+            model fails.
     """
 
     @jax.jit  # one program instead of one per operation
-    def looked_at(number: Any) -> tuple[Any, Any]:
-        site = trace(seed(fit.run, number)).get_trace(fit.samples)[OBSERVED]
-        return site["fn"].log_prob(site["value"]), peeled(site["fn"]).support(site["value"])
+    def looked_at(number: Any) -> tuple[Any, ...]:
+        with seed(rng_seed=number):
+            site = trace(fit.run).get_trace(fit.samples)[OBSERVED]
+            made = site["fn"].sample(numpyro.prng_key())
+        return site["fn"].log_prob(site["value"]), peeled(site["fn"]).support(site["value"]), made.mean(), made.std()
 
-    outside = np.ones(len(fit.samples), dtype=bool)
-    for number in range(_TRIES):
-        density, inside = looked_at(number)
-        if (bad := _taps_where(np.isnan(np.asarray(density)))).any():
-            raise InputError(f"The log density of {fit.story.name} is not a number {_place(fit, bad)}; {_hint(fit)}.")
-        outside &= _taps_where(~np.asarray(inside))
+    outside, predicted = np.ones(len(fit.samples), dtype=bool), []
+    with _running(fit):
+        for number in range(_TRIES):
+            density, inside, *moments = looked_at(number)
+            if (bad := _taps_where(np.isnan(np.asarray(density)))).any():
+                raise InputError(
+                    f"The log density of {fit.story.name} is not a number {_place(fit, bad)}; {_hint(fit)}."
+                )
+            outside &= _taps_where(~np.asarray(inside))
+            predicted.append(moments)
     if outside.any():
         raise InputError(f"{fit.story.name} excludes samples that occur, {_place(fit, outside)}; {_hint(fit)}.")
+    return _far(fit, *np.array(predicted, dtype=np.float64).T)
+
+
+def _far(fit: Fit, mean: NDArray[np.float64], sd: NDArray[np.float64]) -> str:
+    """A sentence where samples drawn from the prior have quite another level or spread than the taps."""
+    level, spread = fit.samples.mean(), fit.samples.std()
+    sd = np.where(np.isnan(sd), np.inf, sd)  # of samples too far apart for a number
+    if not (sd.min() / _FAR <= spread <= _FAR * sd.max()):
+        name, found, expected = "standard deviation", spread, sd
+    elif np.nanmin(np.abs(level - mean)) > _FAR * max(sd.max(), spread):
+        name, found, expected = "mean", level, mean
+    else:
+        return ""
+    unit = "" if fit.story.raw else " in standardised units"
+    return (
+        f"The prior of {fit.story.name} is far from the taps: samples drawn from it have a {name} of "
+        f"{expected.min():.2g} to {expected.max():.2g} in {len(expected)} draws, the taps one of {found:.2g}{unit}."
+    ).replace("-", "−")
 
 
 def _hint(fit: Fit) -> str:

@@ -55,7 +55,7 @@ class GenericStory:
             InputError: The function does not keep the contract or fails, the taps cannot carry it, or an argument is
                 out of range.
         """
-        from .fit import Fit, posterior
+        from .fit import Fit, check_prior, posterior
         from .form import Program
         from .sessions import InNewSessions
         from .structure import structure_of
@@ -78,6 +78,7 @@ class GenericStory:
         session = np.unique(used.session, return_inverse=True)[1]
         full = replace(batch, where=known.where, what=known.what, session=session)
         fit = Fit(self.function, structure, full, scaling.scaled(known).samples, settings.seed)
+        warning = check_prior(fit)
         found: Posterior = posterior(fit, "svi" if settings.method == "closed" else settings.method)
         covered = np.zeros(grid.shape, dtype=bool)
         covered[known.where, known.what] = True
@@ -99,7 +100,7 @@ class GenericStory:
         )
         if structure.by_session:
             found = InNewSessions(found, model.program)
-        return Fitted(model, found, found.convergence())
+        return Fitted(model, found, found.convergence()._replace(warning=warning))
 
     def read(
         self, _: Mapping[str, Any], data: xr.Dataset, parameters: xr.Dataset, common: dict[str, Any]

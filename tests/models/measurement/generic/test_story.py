@@ -1,5 +1,6 @@
 """Models from functions of users: likelihoods, fits, files, decisions."""
 
+import re
 from dataclasses import replace
 
 import jax.numpy as jnp
@@ -67,6 +68,8 @@ def near_the_taps(fit, _):
         "drift": np.array(0.5),
         "shift": np.linspace(-0.3, 0.4, (1 + session.max()) * K).reshape(-1, K),
     }
+    if fit.structure.dims == {"loc": ()}:
+        values["loc"] = loc.mean()
     if fit.structure.dims == {"loc": ("taxel",)}:
         values["loc"] = loc.mean(axis=(0, 1))
     if fit.structure.dims == {"loc": ("what", "sample")}:
@@ -541,3 +544,25 @@ def level_of(distribution):
 def test_a_density_that_is_not_finite_is_told_with_its_class(distribution, message, taps):
     with pytest.raises(InputError, match=message):
         quick(level_of(distribution), taps)
+
+
+@pytest.mark.parametrize(
+    ("distribution", "told"),
+    [
+        (lambda loc, where: dist.Normal(loc + 0.0 * where, 0.3), None),
+        (lambda loc, where: dist.Normal(0.001 * loc + 0.0 * where, 1e-3), r"deviation of 0\.0\d* to 0\.0"),
+        (lambda loc, where: dist.Normal(50.0 * loc + 0.0 * where, 500.0), "deviation of [45]"),
+        (
+            lambda loc, where: dist.Normal(100.0 + loc + 0.0 * where, 1.0),
+            "a mean of 9.* taps one of .*standardised",
+        ),
+        (lambda loc, where: dist.Cauchy(loc + 0.0 * where, 1.0), None),
+    ],
+)
+def test_a_prior_far_from_the_taps_is_told_with_figures(distribution, told, taps):
+    """Ten times too narrow, too wide or too high, and neither a prior that varies enough nor heavy tails."""
+    fitted = set_by_hand(level_of(distribution), taps)
+    warning = fitted.convergence.warning
+
+    assert bool(warning) == (told is not None)
+    assert told is None or re.search(told, warning)
