@@ -12,18 +12,16 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from types import ModuleType
+from typing import TYPE_CHECKING
 
-import numpy as np
 import pytest
 from hypothesis import settings
-from llvmlite.binding import get_host_cpu_features
-from numpy.typing import NDArray
-from solidtouch.hardware.simulator.model_rig import bin_tables
-from solidtouch.models.grid import ClassGrid
-from solidtouch.models.measurement.histogram import HistogramModel
-from solidtouch.models.preprocessing import Preprocessing
-from solidtouch.models.taps import TapSet
-from threadpoolctl import threadpool_limits
+
+if TYPE_CHECKING:  # the process that hands the tests out needs none of them
+    import numpy as np
+    from numpy.typing import NDArray
+    from solidtouch.models.measurement.histogram import HistogramModel
+    from solidtouch.models.taps import TapSet
 
 # Collecting the tests makes a million objects that stay; at the default pace, looking for garbage takes a sixth of it.
 gc.set_threshold(200_000, 20, 100)
@@ -54,6 +52,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 @pytest.fixture(scope="session", autouse=True)
 def _one_blas_thread() -> Iterator[None]:
     """Linear algebra of the small sizes of tests is several times slower on several threads."""
+    from threadpoolctl import threadpool_limits
+
     with threadpool_limits(1):
         yield
 
@@ -69,6 +69,8 @@ def _xla_compiles_once() -> Iterator[Callable[[], None]]:
     if "jax" not in sys.modules:
         yield lambda: None
         return
+    from llvmlite.binding import get_host_cpu_features
+
     features = hashlib.sha256(get_host_cpu_features().flatten().encode()).hexdigest()[:12]
     kept = Path(__file__).parents[1] / "build" / "xla" / features
     kept.mkdir(parents=True, exist_ok=True)
@@ -104,7 +106,9 @@ def _xla_compiles_once_for_all(_xla_compiles_once: Callable[[], None]) -> None:
 
 
 @pytest.fixture
-def rng() -> np.random.Generator:
+def rng() -> "np.random.Generator":
+    import numpy as np
+
     return np.random.default_rng(2013)
 
 
@@ -127,12 +131,15 @@ def shared_data() -> Path:
 
 
 @pytest.fixture(scope="session")
-def make_taps() -> Callable[..., TapSet]:
+def make_taps() -> "Callable[..., TapSet]":
     """A function that makes small random tap sets with pairwise different sizes, classes interleaved."""
+    import numpy as np
+    from solidtouch.models.preprocessing import Preprocessing
+    from solidtouch.models.taps import TapSet
 
     def make(
         L: int = 3, M: int = 4, J: int = 6, K: int = 5, sessions: int = 2, repeats: int = 7, seed: int = 0, **more
-    ) -> TapSet:
+    ) -> "TapSet":
         rng = np.random.default_rng(seed)
         session, _, where, what = (index.reshape(-1) for index in np.indices((sessions, repeats, L, M)))
         taps = rng.normal(size=(len(what), J, K)) + where[:, None, None] + 3 * what[:, None, None]
@@ -151,8 +158,12 @@ def make_taps() -> Callable[..., TapSet]:
 
 
 @pytest.fixture(scope="session")
-def make_model() -> Callable[..., HistogramModel]:
+def make_model() -> "Callable[..., HistogramModel]":
     """A function that makes small models of random histograms with pairwise different sizes."""
+    import numpy as np
+    from solidtouch.models.grid import ClassGrid
+    from solidtouch.models.measurement.histogram import HistogramModel
+    from solidtouch.models.preprocessing import Preprocessing
 
     def make(
         L: int = 3,
@@ -167,7 +178,7 @@ def make_model() -> Callable[..., HistogramModel]:
         pseudocount: float = 0.01,
         value_range: str = "global",
         untrained: Iterable[tuple[int, int]] = (),
-    ) -> HistogramModel:
+    ) -> "HistogramModel":
         rng = np.random.default_rng(seed)
         counts = rng.multinomial(taps * J, rng.dirichlet(np.full(B, 0.7), size=(L, M, K)))
         for l, m in untrained:
@@ -182,10 +193,12 @@ def make_model() -> Callable[..., HistogramModel]:
 
 
 @pytest.fixture(scope="session")
-def draw_samples() -> Callable[..., NDArray[np.float64]]:
+def draw_samples() -> "Callable[..., NDArray[np.float64]]":
     """A function that draws taps of random trained classes, or of one, from a model's own histograms."""
+    import numpy as np
+    from solidtouch.hardware.simulator.model_rig import bin_tables
 
-    def draw(model: HistogramModel, T: int, seed: int = 0, where: int | None = None, what: int = 0) -> NDArray:
+    def draw(model: "HistogramModel", T: int, seed: int = 0, where: int | None = None, what: int = 0) -> "NDArray":
         rng = np.random.default_rng(seed)
         tables = bin_tables(model.probabilities, model.edges, model.grid.shape)
         classes = np.argwhere(model.trained)

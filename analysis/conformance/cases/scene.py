@@ -5,6 +5,7 @@ A sample is a bell over where and what plus noise, so that classes differ and ne
 
 import math
 from dataclasses import dataclass
+from functools import cache
 from random import Random
 from typing import Any
 
@@ -51,11 +52,9 @@ class Scene:
 
     def tap(self, where: int, what: int, random: Random) -> NDArray[np.float64]:
         """Samples (J, K) in class (where, what), rounded so that they are far from edges in their last digits."""
+        levels = _levels(self.L, self.M, self.K)[where][what]
         return np.array(
-            [
-                [round(self._level(where, what, k) + _NOISE * random.uniform(-1, 1), 6) for k in range(self.K)]
-                for _ in range(self.J)
-            ]
+            [[round(level + _NOISE * random.uniform(-1, 1), 6) for level in levels] for _ in range(self.J)]
         )
 
     def counts(self, random: Random) -> NDArray[np.int64]:
@@ -74,11 +73,18 @@ class Scene:
         where, what = np.array(classes).T
         return Training(taps, where, what)
 
-    def _level(self, where: int, what: int, k: int) -> float:
-        place = (where + 0.5) / self.L
-        taxel = (k + 0.5) / self.K
-        width = 0.2 + 0.15 * (what + 1) / self.M
-        return 0.8 + 6.0 * math.exp(-(((place - taxel) / width) ** 2)) * (1 - 0.2 * what / self.M)
+
+@cache
+def _levels(L: int, M: int, K: int) -> list[list[list[float]]]:
+    """Levels of all taxels in all classes, [L][M][K]."""
+
+    def level(where: int, what: int, k: int) -> float:
+        place = (where + 0.5) / L
+        taxel = (k + 0.5) / K
+        width = 0.2 + 0.15 * (what + 1) / M
+        return 0.8 + 6.0 * math.exp(-(((place - taxel) / width) ** 2)) * (1 - 0.2 * what / M)
+
+    return [[[level(l, m, k) for k in range(K)] for m in range(M)] for l in range(L)]
 
 
 def make(name: str, about: str, equations: tuple[int, ...], scene: Scene | None = None, **changes: Any) -> Case:

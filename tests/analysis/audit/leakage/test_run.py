@@ -1,6 +1,7 @@
 """What can be told without touch is found where it was put, and not where it was not."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -149,11 +150,11 @@ def in_sessions(samples, what, n, J=J, record: Preprocessing | None = None):
 
 
 @pytest.mark.parametrize(
-    "pair", [pressed(), pressed(hold=3), averaged()], ids=["pressed at once", "pressed and held", "averages"]
+    "made", [pressed, partial(pressed, hold=3), averaged], ids=["pressed at once", "pressed and held", "averages"]
 )
-def test_taps_that_may_begin_in_contact_are_not_judged(pair):
+def test_taps_that_may_begin_in_contact_are_not_judged(made):
     """Their first sample identifies objects as well as whole taps, and that is touch."""
-    result = found(pair, pre=None)
+    result = found(made(), pre=None)
 
     assert accuracy(result, WHOLE) > 0.9
     assert result.explains == {"what": "cannot be judged"}
@@ -203,17 +204,17 @@ def test_light_touch_before_the_trigger_level_is_not_taken_for_leakage():
 
 
 @pytest.mark.parametrize(
-    ("pair", "pre", "message"),
+    ("made", "pre", "message"),
     [
-        (pressed(), J, "--pre 7: taps have 7 samples; at most 6 can be before contact"),
-        (pressed(), -1, "--pre -1: taps have 7 samples"),
-        (averaged(), 1, "--pre 1: taps have 1 sample, which cannot be before contact"),
+        (pressed, J, "--pre 7: taps have 7 samples; at most 6 can be before contact"),
+        (pressed, -1, "--pre -1: taps have 7 samples"),
+        (averaged, 1, "--pre 1: taps have 1 sample, which cannot be before contact"),
     ],
     ids=["all", "negative", "one sample"],
 )
-def test_more_samples_than_taps_have_are_refused(pair, pre, message):
+def test_more_samples_than_taps_have_are_refused(made, pre, message):
     with pytest.raises(InputError, match=message):
-        found(pair, pre=pre)
+        found(made(), pre=pre)
 
 
 def test_few_taps_or_no_touch_are_said_to_be_so():
