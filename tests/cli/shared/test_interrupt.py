@@ -76,7 +76,7 @@ def test_an_interrupt_before_a_command_is_found_says_so(monkeypatch, capsys):
     def interrupted():
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(main, "app", interrupted)
+    monkeypatch.setattr(main, "_command", lambda: interrupted)
     with pytest.raises(SystemExit) as stopped:
         main.run()
 
