@@ -53,9 +53,7 @@ class Scene:
     def tap(self, where: int, what: int, random: Random) -> NDArray[np.float64]:
         """Samples (J, K) in class (where, what), rounded so that they are far from edges in their last digits."""
         levels = _levels(self.L, self.M, self.K)[where][what]
-        return np.array(
-            [[round(level + _NOISE * random.uniform(-1, 1), 6) for level in levels] for _ in range(self.J)]
-        )
+        return np.array([[round(level + _NOISE * random.uniform(-1, 1), 6) for level in levels] for _ in range(self.J)])
 
     def counts(self, random: Random) -> NDArray[np.int64]:
         """Histograms of training taps, shape (L, M, K, B)."""
