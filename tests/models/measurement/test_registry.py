@@ -80,7 +80,7 @@ def tenth(request, monkeypatch, tmp_path):
     """A further model: its file in the folder of models, and its name in the registry."""
     (tmp_path / "tenth_model.py").write_text(BARE)
     folder = Path(__file__).parent if request.param == "fast" else tmp_path
-    for module in [module for module in sys.modules.values() if getattr(module, "KINDS", None) is registry.KINDS]:
+    for module in [module for module in sys.modules.values() if vars(module).get("KINDS") is registry.KINDS]:
         monkeypatch.setattr(module, "KINDS", (*KINDS, "tenth-model"))
     monkeypatch.setattr(measurement, "__path__", [*measurement.__path__, str(folder)])
     monkeypatch.setattr(generic_fit, "RUNS", 1)
