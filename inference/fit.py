@@ -7,13 +7,12 @@ from typing import Any
 
 from ..models.errors import InputError
 from ..models.grid import ClassGrid
-from ..models.io.load import TapSource, names_of, taps_of
+from ..models.io.load import TapSource, all_taps_of
 from ..models.measurement.generic.source import undone_on_error
 from ..models.measurement.histogram import trim
 from ..models.measurement.model import TapModel
 from ..models.measurement.registry import KINDS, PAPER, AnyModel, model_name, split_name
 from ..models.settings import FitSettings
-from ..models.taps import concatenate
 from .tuning.tempering import fit_tempered
 
 
@@ -54,9 +53,7 @@ def fit(
     given = FitSettings(**settings)
     name = model_name(model)
     check_used(name, given)
-    if isinstance(taps, Sequence) and not isinstance(taps, str):
-        taps = concatenate([taps_of(part) for part in taps], names_of(taps))
-    taps = taps_of(taps)
+    taps = all_taps_of(taps)
     if grid is not None and not isinstance(grid, ClassGrid):
         raise InputError(f"grid must be a ClassGrid, got {type(grid).__name__}.")
     if grid is not None and "" not in (units := {grid.where_unit, taps.where_unit}) and len(units) > 1:

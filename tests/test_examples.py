@@ -136,6 +136,7 @@ def test_the_stories_of_the_page_about_own_models_keep_the_contract(make_taps):
     "page",
     [
         "docs/explanation/calibration.md",
+        "docs/how-to/arviz.md",
         "docs/how-to/tuning.md",
         "docs/how-to/your-own-model.md",
         "docs/reference/api.md",

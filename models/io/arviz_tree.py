@@ -25,6 +25,7 @@ from ..measurement.model import TapModel
 from ..seeds import Purpose, generator
 from ..taps import TapSet
 from ..threads import in_order, one_blas_thread
+from .load import TapSource, all_taps_of
 
 TAPS = "taps"
 _SAMPLED = ("chain", "draw")
@@ -43,7 +44,7 @@ STATISTICS = {
 
 def to_arviz(
     model: TapModel,
-    taps: TapSet,
+    taps: TapSource | Sequence[TapSource],
     *,
     draws: int = 100,
     statistic: Statistic = "mean",
@@ -64,7 +65,7 @@ def to_arviz(
 
     Args:
         model: The model, fitted in this process.
-        taps: Its training taps or some of them; those outside its classes are left out.
+        taps: Its training taps or some of them, as given to `fit`; those outside its classes are left out.
         draws: How many of parameters and of predicted taps; of Markov chains, how many at most.
         statistic: What is predicted and observed of a tap.
         var_names: Names of the parameters to keep; default all.
@@ -76,8 +77,17 @@ def to_arviz(
     Raises:
         InputError: The model has no posterior, or an argument is out of range.
     """
+    if not isinstance(model, TapModel):
+        raise InputError(f"A model for ArviZ is one that fit returns, got {type(model).__name__}.")
     groups = arviz_groups(
-        model, taps, draws=draws, statistic=statistic, var_names=var_names, coords=coords, seed=seed, progress=progress
+        model,
+        all_taps_of(taps),
+        draws=draws,
+        statistic=statistic,
+        var_names=var_names,
+        coords=coords,
+        seed=seed,
+        progress=progress,
     )
     tree = xr.DataTree.from_dict(groups)
     tree.attrs = dict(tree["posterior"].attrs)

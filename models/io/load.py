@@ -6,7 +6,7 @@ from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 from ..errors import InputError
-from ..taps import TapSet
+from ..taps import TapSet, concatenate
 from .arrays import read_npz, recording_from_arrays
 from .csv import read_csv, read_csv_folder
 from .mat import read_mat
@@ -61,6 +61,17 @@ def taps_of(source: TapSource) -> TapSet:
         InputError: As `load_taps`.
     """
     return source if isinstance(source, TapSet) else load_taps(source)
+
+
+def all_taps_of(sources: TapSource | Sequence[TapSource]) -> TapSet:
+    """The taps of one set or file, or of several whose sessions differ in number.
+
+    Raises:
+        InputError: As `load_taps`, or they do not go together.
+    """
+    if isinstance(sources, Sequence) and not isinstance(sources, str):
+        return concatenate([taps_of(part) for part in sources], names_of(sources))
+    return taps_of(sources)
 
 
 def names_of(sources: Sequence[TapSource]) -> list[str]:

@@ -222,6 +222,8 @@ def test_a_model_without_a_posterior_is_refused(taps, model):
             to_arviz(bare, taps)
     with pytest.raises(InputError, match="draws must"):
         to_arviz(model, taps, draws=0)
+    with pytest.raises(InputError, match="one that fit returns, got str"):
+        to_arviz("model.nc", taps)
 
 
 # Functions of ArviZ
