@@ -4,12 +4,20 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from ..errors import InputError
+from ..grid import ClassGrid
+from ..settings import FitSettings, likelihood_exponent
+from ..taps import TapSet
+from ..training import tap_digests
+from .fits.priors import Taps
+from .likelihood.bins import bin_edges
 from .likelihood.forecasts import log_mean
 from .likelihood.shapes import Parameters
 from .likelihood.true_class import Own
@@ -18,6 +26,42 @@ from .scaling import Scaling
 
 if TYPE_CHECKING:
     from .generic.form import GenericForm
+
+
+def training(
+    taps: TapSet, grid: ClassGrid, settings: FitSettings, trained_on: str
+) -> tuple[TapSet, Taps, dict[str, Any]]:
+    """Training taps of the classes of a grid, the same as arrays in their own unit, and what their models keep of them.
+
+    Raises:
+        InputError: There is none, or an argument is out of range.
+    """
+    where, what = taps.indices(grid)
+    inside = (where >= 0) & (what >= 0)
+    if not inside.any():
+        raise InputError("No training tap belongs to a class of the grid.")
+    used = taps if inside.all() else taps.select(inside)
+    known = Taps(used.taps.astype(np.float64), where[inside], what[inside], grid.shape, used.where)
+    likelihood_exponent(settings.power, *known.samples.shape[1:])
+    if settings.bins < 1:
+        raise InputError(f"bins must be at least 1, got {settings.bins}.")
+    covered = np.zeros(grid.shape, dtype=bool)
+    covered[known.where, known.what] = True
+    kept = {
+        "grid": grid,
+        "edges": bin_edges(used.taps, settings.bins, settings.value_range)
+        if settings.edges is None
+        else settings.edges,
+        "covered": covered,
+        "power": settings.power,
+        "preprocessing": taps.preprocessing,
+        "trained_on": trained_on,
+        "version": version("solidtouch"),
+        "training": tap_digests(used.taps),
+        "saturation": settings.limit,
+    }
+    return used, known, kept
+
 
 _MANY_DRAWS = 100  # where nothing is integrated exactly
 

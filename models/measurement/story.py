@@ -17,24 +17,20 @@ Riutort-Mayol et al., Statistics and Computing 33 (2023) 17 (Gaussian processes 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from ..errors import InputError
 from ..grid import ClassGrid
-from ..settings import FitSettings, likelihood_exponent
+from ..settings import FitSettings
 from ..taps import TapSet
-from ..training import tap_digests
 from .fits.posterior import Posterior, Prior, SamplePosterior, Sites
 from .fits.priors import Taps
-from .fitted_parameters import ModelOfParameters
+from .fitted_parameters import ModelOfParameters, training
 from .generic.contract import SIZES, StoryCall, StoryFunction
 from .likelihood.any_form import Form
-from .likelihood.bins import bin_edges
 from .likelihood.forecasts import Unseen
 from .likelihood.shapes import Measure, Parameters
 from .likelihood.true_class import Own
@@ -102,39 +98,16 @@ class Story:
         Raises:
             InputError: The taps cannot carry it, or an argument is out of range.
         """
-        where, what = taps.indices(grid)
-        inside = (where >= 0) & (what >= 0)
-        if not inside.any():
-            raise InputError("No training tap belongs to a class of the grid.")
-        used = taps if inside.all() else taps.select(inside)
-        where, what = where[inside], what[inside]
-        known = Taps(used.taps.astype(np.float64), where, what, grid.shape, used.where)
-        likelihood_exponent(settings.power, *known.samples.shape[1:])
-        if settings.bins < 1:
-            raise InputError(f"bins must be at least 1, got {settings.bins}.")
+        used, known, kept = training(taps, grid, settings, trained_on)
         self.check(self.name, known)
-        edges = bin_edges(used.taps, settings.bins, settings.value_range) if settings.edges is None else settings.edges
-        scaling = Scaling.of(known, edges)
-        least = least_deviation(edges, len(scaling.unit)) / scaling.unit
+        scaling = Scaling.of(known, kept["edges"])
+        least = least_deviation(kept["edges"], len(scaling.unit)) / scaling.unit
         posterior, basis = self._posterior(scaling.scaled(known)._replace(least=least), used, grid, settings)
-        covered = np.zeros(grid.shape, dtype=bool)
-        covered[where, what] = True
-        covered = covered if self.covered is None else self.covered(covered)
+        if self.covered is not None:
+            kept["covered"] = self.covered(kept["covered"])
+        left_out = grid.untouched(kept["covered"])
         model = ParametricModel(
-            story=self,
-            grid=grid,
-            edges=edges,
-            scaling=scaling,
-            basis=basis,
-            parameters=posterior.point(),
-            covered=covered,
-            power=settings.power,
-            preprocessing=taps.preprocessing,
-            left_out=grid.untouched(covered),
-            trained_on=trained_on,
-            version=version("solidtouch"),
-            training=tap_digests(used.taps),
-            saturation=settings.limit,
+            story=self, scaling=scaling, basis=basis, parameters=posterior.point(), left_out=left_out, **kept
         )
         return Fitted(model, posterior, posterior.convergence())
 

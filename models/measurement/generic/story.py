@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,12 +10,10 @@ import xarray as xr
 
 from ...errors import InputError
 from ...seeds import Purpose, generator
-from ...settings import FitSettings, likelihood_exponent
-from ...training import tap_digests
-from ..fits.priors import Taps
-from ..fitted_parameters import ModelOfParameters
+from ...settings import FitSettings
+from ..fitted_parameters import ModelOfParameters, training
 from ..likelihood.any_form import Form
-from ..likelihood.bins import TableForm, bin_edges
+from ..likelihood.bins import TableForm
 from ..likelihood.mixture import mean_form
 from ..likelihood.shapes import Parameters
 from ..model import Fitted, Row
@@ -62,17 +59,9 @@ class GenericStory:
 
         if settings.integrate and settings.method == "map":
             raise InputError("A fit by map has one value and no draws to integrate over; use svi, nuts or laplace.")
-        where, what = taps.indices(grid)
-        inside = (where >= 0) & (what >= 0)
-        if not inside.any():
-            raise InputError("No training tap belongs to a class of the grid.")
-        used = taps if inside.all() else taps.select(inside)
-        samples = used.taps.astype(np.float64)
-        likelihood_exponent(settings.power, *samples.shape[1:])
-        edges = bin_edges(used.taps, settings.bins, settings.value_range) if settings.edges is None else settings.edges
-        known = Taps(samples, where[inside], what[inside], grid.shape, used.where)
-        K = samples.shape[2]
-        scaling = Scaling(np.zeros(K), np.ones(K)) if self.function.raw else Scaling.of(known, edges)
+        used, known, kept = training(taps, grid, settings, trained_on)
+        K = known.samples.shape[2]
+        scaling = Scaling(np.zeros(K), np.ones(K)) if self.function.raw else Scaling.of(known, kept["edges"])
         batch = batch_of(grid, taps.preprocessing, K)
         structure = structure_of(self.function, batch)
         session = np.unique(used.session, return_inverse=True)[1]
@@ -80,23 +69,13 @@ class GenericStory:
         fit = Fit(self.function, structure, full, scaling.scaled(known).samples, settings.seed)
         warning = check_prior(fit)
         found: Posterior = posterior(fit, "svi" if settings.method == "closed" else settings.method)
-        covered = np.zeros(grid.shape, dtype=bool)
-        covered[known.where, known.what] = True
         model = GenericModel(
             story=self,
             program=Program(self.function, structure, batch),
             scaling=scaling,
             parameters=found.point(),
-            covered=covered,
-            grid=grid,
-            edges=edges,
-            power=settings.power,
-            preprocessing=taps.preprocessing,
-            left_out=grid.untouched(covered),
-            trained_on=trained_on,
-            version=version("solidtouch"),
-            training=tap_digests(used.taps),
-            saturation=settings.limit,
+            left_out=grid.untouched(kept["covered"]),
+            **kept,
         )
         if structure.by_session:
             found = InNewSessions(found, model.program)

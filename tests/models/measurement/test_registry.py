@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from solidtouch.models import measurement
 from solidtouch.models.errors import InputError
+from solidtouch.models.io import model_file
 from solidtouch.models.io.model_file import load_model
 from solidtouch.models.measurement import registry
 from solidtouch.models.measurement.draws import integrated
@@ -80,7 +81,7 @@ def tenth(request, monkeypatch, tmp_path):
     """A further model: its file in the folder of models, and its name in the registry."""
     (tmp_path / "tenth_model.py").write_text(BARE)
     folder = Path(__file__).parent if request.param == "fast" else tmp_path
-    for module in [module for module in sys.modules.values() if vars(module).get("KINDS") is registry.KINDS]:
+    for module in (registry, model_file):
         monkeypatch.setattr(module, "KINDS", (*KINDS, "tenth-model"))
     monkeypatch.setattr(measurement, "__path__", [*measurement.__path__, str(folder)])
     monkeypatch.setattr(generic_fit, "RUNS", 1)
