@@ -65,6 +65,7 @@ def class_means(fit, _):
 def test_a_function_is_compared_with_a_built_in_model(run, monkeypatch, sketched):
     """And the page warns that they are on different measures."""
     monkeypatch.setattr(fits, "posterior", class_means)
+    monkeypatch.setattr(fits, "check_prior", lambda _: "")
     models = "--models gaussian,my_models.py:heavy --allow-unconverged"
     told = run(f"compare session-0.nc session-1.nc {models} --draws 0 --trials 50 --thresholds 0.9 --out compared")
 
