@@ -25,6 +25,12 @@ def compared(elpd):
     return az.compare(elpd, round_to="none")
 
 
+def plotted(table):
+    import arviz as az
+
+    return az.plot_compare(table, backend="none")
+
+
 def test_arviz_compares_what_the_report_holds(report):
     """Without a warning, with the order and the differences of the report and a weight that is right."""
     with warnings.catch_warnings():
@@ -37,6 +43,7 @@ def test_arviz_compares_what_the_report_holds(report):
     np.testing.assert_allclose(table["elpd_diff"] / taps, (mean - mean.max())[table.index], atol=1e-9)
     assert table.loc["gaussian", "weight"] > 0.8
     assert table["weight"].sum() == pytest.approx(1)
+    assert "plot" in plotted(table).viz
 
 
 def test_absolute_log_probabilities_of_taps_would_have_no_weights(report):

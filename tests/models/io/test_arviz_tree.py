@@ -266,6 +266,12 @@ def test_calls_of_the_page_run_as_they_are(az, tree, call):
         assert "plot" in found.viz
 
 
+def test_all_samples_are_plotted_as_one_distribution(az, taps, model):
+    """Their dims have no name that ArviZ takes for its own."""
+    whole = to_arviz(model, taps, draws=50, statistic="samples")
+    assert az.plot_ppc_dist(whole, kind="ecdf", backend="none").viz["plot"]["taps"].shape == ()
+
+
 def test_loo_pit_is_uniform_for_a_right_model_and_not_for_a_wrong_one(az, tree, taps):
     """Levels that all classes share make taps too far from what is predicted."""
     pit = az.loo_pit(tree)["taps"]
