@@ -1,7 +1,7 @@
 """`solidtouch fit`: a measurement model from training taps."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
 
@@ -15,10 +15,6 @@ if TYPE_CHECKING:
     from ..models.measurement.model import Fitted
     from ..models.taps import TapSet
 
-_Method = Annotated[
-    Literal["closed", "svi", "nuts", "map", "laplace"],
-    Option("--fit", help="Fast fit of the model, or NUTS sampling of it; for a function of yours svi is the fast fit."),
-]
 _GainSd = Annotated[
     float | None,
     Option(
@@ -42,7 +38,7 @@ def fit(
     division: Annotated[Division, Fields(*DIVIDED)] = Division(training_taps=True),
     settings: Annotated[
         FitSettings,
-        Fields(*FITTING, "saturation", "unconverged", method=_Method, gain_sd=_GainSd, offset_sd=_OffsetSd),
+        Fields(*FITTING, "saturation", "unconverged", gain_sd=_GainSd, offset_sd=_OffsetSd),
     ] = FitSettings(),
     draws: Annotated[
         int, Option(min=0, help="Posterior draws to store for ArviZ, in each of 4 chains; 0 stores none.")

@@ -153,7 +153,8 @@ class FitSettings(Checked, frozen=True, kw_only=True):
         value_range: Whether bins span the range of all taxels together or of each.
         edges: Bin edges, shape (B + 1,) or (K, B + 1), instead of those of the training taps; they replace `bins`.
         method: `"closed"` for the fast fit of each model, which for a function of the user's is `"svi"`; `"nuts"` to
-            sample its story, `"svi"`, `"map"` or `"laplace"` for functions.
+            sample its story, `"svi"`, `"map"` or `"laplace"` for functions. In studies built-in models always have
+            the fast fit.
         integrate: Number of draws from the posterior over which decisions are integrated; 0 decides at one value.
         unconverged: Whether a fit that did not converge may be used.
         gain_sd: Session models: standard deviation of the log gain between sessions; `None` to estimate it from the

@@ -14,7 +14,7 @@ from ...models.errors import InputError
 from ...models.grid import ClassGrid
 from ...models.measurement.likelihood.bins import bin_edges
 from ...models.measurement.model import Fitted
-from ...models.measurement.registry import fit_model, split_name
+from ...models.measurement.registry import fit_model, split_name, suited
 from ...models.settings import FitSettings, PlaySettings
 from ...models.taps import TapSet
 from ..page.stages import Progress, StageClock
@@ -183,7 +183,7 @@ def _fit_all(
         stage = f"Fitting {name}"
         with clock.stage(stage):
             try:
-                fits[name], power = fit_tempered(name, train, grid, fit)
+                fits[name], power = fit_tempered(name, train, grid, suited(name, fit))
                 learned |= {} if power is None else {name: power.sentence}
             except InputError as error:
                 refused[name] = str(error)
@@ -273,7 +273,7 @@ def _refit(
     fit, refitted = fit.changed(power="none"), {}
     for name in fits:
         try:
-            refitted[name] = fit_model(name, fold.train, grid, fit)
+            refitted[name] = fit_model(name, fold.train, grid, suited(name, fit))
         except InputError as error:
             failed.setdefault(name, str(error))
     if not refitted:

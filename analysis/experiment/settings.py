@@ -8,7 +8,7 @@ from ...inference.tuning.tempering import fit_tempered
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
 from ...models.measurement.model import TapModel
-from ...models.measurement.registry import split_name
+from ...models.measurement.registry import split_name, suited
 from ...models.settings import Checked, FitSettings, PlaySettings
 from ...models.taps import TapSet
 
@@ -52,7 +52,7 @@ class ExperimentSettings(Checked, frozen=True, kw_only=True):
         Raises:
             InputError: As `fit_tempered`.
         """
-        fitted, _ = fit_tempered(self.model, taps, grid, self.fit)
+        fitted, _ = fit_tempered(self.model, taps, grid, suited(self.model, self.fit))
         return fitted.model
 
 

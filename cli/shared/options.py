@@ -112,6 +112,13 @@ Integrate = Annotated[
         help="Decide by the mean likelihood over D draws from the posterior; 0 decides at one value.",
     ),
 ]
+FitMethod = Annotated[
+    Literal["closed", "svi", "nuts", "map", "laplace"],
+    typer.Option(
+        "--fit",
+        help="How functions of yours are fitted, by default as with svi; nuts in the command fit samples any model.",
+    ),
+]
 Border = Annotated[
     Literal["uniform", "uniform_what", "prior", "clamp", "circular"],
     typer.Option("--border", help="How to treat belief shifted beyond the range."),
@@ -148,6 +155,7 @@ OPTIONS: dict[str, Any] = {
     "saturation": Saturation,
     "value_range": ValueRange,
     "integrate": Integrate,
+    "method": FitMethod,
     "unconverged": AllowUnconverged,
     "threshold": Theta,
     "theta_x": ThetaX,
@@ -165,7 +173,7 @@ OPTIONS: dict[str, Any] = {
 """Default command-line options of the fields of settings records."""
 
 
-FITTING = "bins", "pseudocount", "power", "value_range", "integrate"
+FITTING = "bins", "pseudocount", "power", "value_range", "integrate", "method"
 CELLS = "where_cell", "what_cell"
 DIVIDED = *CELLS, "split", "train", "test"
 

@@ -162,6 +162,11 @@ def fit_model(name: str, taps: "TapSet", grid: "ClassGrid", settings: "FitSettin
     return session.with_shared_gain(fitted, taps, grid, settings.gain_sd, settings.offset_sd)
 
 
+def suited(name: str, settings: "FitSettings") -> "FitSettings":
+    """Settings of a study for one model: built-in models have their fast fit there, functions the method set."""
+    return settings.changed(method="closed") if split_name(name)[0] in KINDS else settings
+
+
 def _checked(settings: "FitSettings", taps: "TapSet") -> "FitSettings":
     """Settings with valid edges, and with the number of bins that these define."""
     if settings.edges is None:

@@ -1,5 +1,6 @@
 """Commands with a model that is a function of the user's."""
 
+import json
 import sys
 from pathlib import Path
 
@@ -54,22 +55,24 @@ def _changed(run):
     return run("simulate --preset model --model walk.nc --story my_models.py:walk --sessions 1 --out more", 2)
 
 
-def class_means(fit, _):
+def class_means(fit, method):
     """In place of a fit, which takes seconds to compile: the mean of each class and taxel."""
     where, what = fit.batch.where, fit.batch.what
     means = [[fit.samples[(where == l) & (what == m)].mean(axis=(0, 1)) for m in range(4)] for l in range(3)]
     loc = {"loc": np.array(means)}
-    return fits.GuidePosterior(loc, lambda _: loc, fits.Convergence(True, "Set by hand.", {}))
+    return fits.GuidePosterior(loc, lambda _: loc, fits.Convergence(True, f"By hand for {method}.", {}))
 
 
 def test_a_function_is_compared_with_a_built_in_model(run, monkeypatch, sketched):
-    """And the page warns that they are on different measures."""
+    """And the page warns that they are on different measures; the method is that of the function alone."""
     monkeypatch.setattr(fits, "posterior", class_means)
     monkeypatch.setattr(fits, "check_prior", lambda _: "")
-    models = "--models gaussian,my_models.py:heavy --allow-unconverged"
+    models = "--models gaussian,my_models.py:heavy --fit map --allow-unconverged"
     told = run(f"compare session-0.nc session-1.nc {models} --draws 0 --trials 50 --thresholds 0.9 --out compared")
 
     assert "my_models.py:heavy gives densities of samples" in " ".join(told.split())
+    found = json.loads(Path("compared/summary.json").read_text(encoding="utf-8"))["models"]
+    assert ["By hand for map." in model["fit"] for model in found] == [False, True]
 
 
 @pytest.mark.parametrize(
