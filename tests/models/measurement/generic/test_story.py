@@ -566,10 +566,10 @@ def test_a_density_that_is_not_finite_is_told_with_its_class(distribution, messa
         (lambda loc, where: dist.Cauchy(loc + 0.0 * where, 1.0), None),
     ],
 )
-def test_a_prior_far_from_the_taps_is_told_with_figures(distribution, told, taps):
+def test_a_prior_far_from_the_taps_is_told_with_figures(distribution, told, taps, monkeypatch):
     """Ten times too narrow, too wide or too high, and neither a prior that varies enough nor heavy tails."""
-    fitted = set_by_hand(level_of(distribution), taps)
-    warning = fitted.convergence.warning
+    monkeypatch.setattr(fits, "posterior", near_the_taps)
+    warning = quick(level_of(distribution), taps).convergence.warning
 
     assert bool(warning) == (told is not None)
     assert told is None or re.search(told, warning)
