@@ -145,9 +145,9 @@ def _single_taps(left_out: xr.Dataset, summary: Row) -> Iterator[Block]:
     yield (
         f"Importance sampling (PSIS-LOO, {summary['draws']} draws) is unreliable for a tap with a Pareto k above "
         f"{number(rows[0]['good_k'], 2)}, that is, a tap with a large influence on the posterior of its class, or "
-        f"without a Pareto k; models with such taps are not ranked by it. Of models that fail on a random sample of "
-        f"{SAMPLE} taps the others are not looked at. For the histogram, leaving out a tap is exact (a subtraction of "
-        "counts)."
+        "without a Pareto k; models with such taps are not ranked by it. Models that fail on a random sample of "
+        f"{SAMPLE} taps have no value, because the others are not looked at. For the histogram, leaving out a tap is "
+        "exact (a subtraction of counts)."
     )
     yield Picture(
         "pareto",

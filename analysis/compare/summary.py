@@ -138,9 +138,9 @@ def _taps(comparison: Comparison) -> list[Row]:
 def _single(left_out: xr.Dataset) -> Row:
     """Leave-one-tap-out; importance sampling counts only where it works for every tap."""
     looked_at = left_out["looked_at"].values.astype(bool)
-    psis, k = (left_out[name].values[looked_at] for name in ("psis", "pareto_k"))
+    k = left_out["pareto_k"].values[looked_at]
     bad = float((~(k <= float(left_out["good_k"]))).mean())  # a k that is NaN is not good
-    found = {"psis": psis.mean(), "bad_k": bad, "good_k": left_out["good_k"]}
+    found = {"psis": left_out["psis"].values.mean(), "bad_k": bad, "good_k": left_out["good_k"]}
     exact = (name for name in ("exact", "exact_plug_in") if name in left_out and np.isfinite(left_out[name]).all())
     found |= {name: left_out[name].mean() for name in exact}
     counted = {"psis_taps": int(looked_at.sum()), "psis_ranks": bool(looked_at.all()) and bad == 0.0}

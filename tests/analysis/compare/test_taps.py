@@ -121,6 +121,7 @@ def test_a_sample_of_taps_decides_whether_the_others_are_looked_at(samples, look
 
     assert result["looked_at"].sum() == found["psis_taps"] == looked_at
     assert found["psis_ranks"] == (looked_at == 300)
+    assert (found["psis"] is None) == (looked_at < 300)  # a mean over some taps beside exact ones over all
     assert np.isfinite(result["psis"]).sum() == looked_at
     assert np.isfinite(result["exact"]).all()
     assert sum(counted) == 400
