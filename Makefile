@@ -54,6 +54,7 @@ interval-studies: $(VENV)/.ready-run
 	@$(PY) -m benchmarks.studies.intervals.exponent --document docs/explanation/intervals.md
 	@$(PY) -m benchmarks.studies.intervals.coverage --document docs/explanation/intervals.md
 	@$(PY) -m benchmarks.studies.intervals.stored_taps --document docs/explanation/intervals.md
+	@$(PY) -m benchmarks.studies.intervals.places --document docs/explanation/intervals.md
 	@$(PY) -m benchmarks.studies.intervals.commands --document docs/explanation/intervals-commands.md
 
 results: $(VENV)/.ready-run

@@ -1,7 +1,7 @@
 """`solidtouch compare`: measurement models compared by prediction, classification and decisions."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 from typer import Option
 
@@ -31,6 +31,10 @@ def compare(
     trials: Annotated[int, Option(min=1, help="Trials per model, passive and active.")] = 4000,
     thresholds: Thresholds = None,
     play: Annotated[PlaySettings, Fields("theta_x", "fixation", "deadline", "border")] = PlaySettings(),
+    leave_out: Annotated[
+        Literal["session", "position", "object"], Option(help="What models predict without training on it.")
+    ] = "session",
+    folds: Annotated[int, Option(min=2, help="Most folds; more sessions, positions or objects are grouped.")] = 6,
     seed: Seed = 0,
     force: Force = False,
 ) -> None:
@@ -51,6 +55,8 @@ def compare(
             trials=trials,
             thresholds=parse_thresholds(thresholds),
             play=play,
+            leave_out=leave_out,
+            folds=folds,
             seed=seed,
             progress=progress,
             command=command_line(),

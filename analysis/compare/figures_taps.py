@@ -1,4 +1,4 @@
-"""Figures of the prediction of taps: sessions left out, single taps left out, and predictive checks."""
+"""Figures of the prediction of taps: groups left out, single taps left out, and predictive checks."""
 
 from typing import Any
 
@@ -15,19 +15,19 @@ _ROW = 0.24  # inches per model
 
 
 @styled
-def sessions_left_out(means: xr.Dataset) -> Figure:
-    """Difference of each model's mean log probability per tap to that of the reference model, sessions left out.
+def groups_left_out(means: xr.Dataset) -> Figure:
+    """Difference of each model's mean log probability per tap to that of the reference model, groups left out.
 
     Args:
         means: From `taps.mean_scores`, of `integrated` and `plug_in` or one of them.
     """
     names = [str(name) for name in means["model"].values]
     figure, axes = new_figure(TWO_COLUMNS, 0.9 + _ROW * max(len(names), 4))
-    plot_sessions_left_out(axes[0, 0], means)
+    plot_groups_left_out(axes[0, 0], means)
     return figure
 
 
-def plot_sessions_left_out(axes: Axes, means: xr.Dataset) -> Axes:
+def plot_groups_left_out(axes: Axes, means: xr.Dataset) -> Axes:
     """Dots with intervals, a row per model: filled where parameters are integrated over, open where they are fixed."""
     names = [str(name) for name in means["model"].values]
     styles = model_styles(names, means.attrs.get("reference", names[0]))

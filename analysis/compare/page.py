@@ -18,7 +18,7 @@ def comparison_tree(comparison: Comparison, summary: Row) -> xr.DataTree:
     groups: dict[str, xr.Dataset | None] = {
         "/": xr.Dataset(attrs={"title": summary["title"], "command": summary["command"], "seed": summary["seed"]}),
         "taps_left_out": comparison.left_out_taps,
-        "sessions_left_out": comparison.left_out_sessions,
+        f"{summary['unit']}s_left_out": comparison.left_out_groups,
         "checks": comparison.checks,
         "classes": comparison.classes,
         "decisions": comparison.curves,
@@ -75,22 +75,28 @@ def _findings(summary: Row) -> Iterator[Block]:
     rows = [[row["name"], *map(rank, row["levels"])] for row in summary["ranks"]]
     yield Brief(Table(["model", *titles], rows, "Rank of each model (1 is best), with the ranked quantity in brackets"))
     yield (
-        "Taps: mean log probability of a tap’s bins under its own class, for left-out sessions, integrated over the "
-        "posterior, at power 1. Classes: mean log belief in the true (position, object) class. Decisions: mean object "
-        "error at the longest mean reaction time reached by all models or, if there is none, by most. Adjacent ranks "
-        "may be ties; see the intervals below."
+        f"Taps: mean log probability of a tap’s bins under its own class, for left-out {summary['unit']}s, integrated "
+        "over the posterior, at power 1. Classes: mean log belief in the true (position, object) class. Decisions: "
+        "mean object error at the longest mean reaction time reached by all models or, if there is none, by most. "
+        "Adjacent ranks may be ties; see the intervals below."
     )
 
 
 def _taps(comparison: Comparison, summary: Row) -> Iterator[Block]:
+    unit = summary["unit"]
+    how = (
+        "bootstrap intervals with the taps of one session and class as units"
+        if unit == "session"
+        else f"jackknife intervals, leaving out each fold of {unit}s, and hold for independent {unit}s"
+    )
     yield (
-        f"{summary['sessions']} Values are mean log probabilities per tap, in nats, of the same bins for all models, "
+        f"{summary['groups']} Values are mean log probabilities per tap, in nats, of the same bins for all models, "
         "at power 1. Integrated: over the posterior of the parameters. Plug-in: at the parameters used for decisions. "
-        "Intervals are 95% bootstrap intervals with the taps of one session and class as units. The difference from "
+        f"Intervals are 95% {how}. The difference from "
         "the best model with its standard error (assuming independent taps) and the stacking weight are computed by "
         "ArviZ (`az.compare`)."
     )
-    if comparison.left_out_sessions is not None:
+    if comparison.left_out_groups is not None:
         less = f"− {summary['reference']}"
         yield Brief(
             Table(
@@ -107,18 +113,40 @@ def _taps(comparison: Comparison, summary: Row) -> Iterator[Block]:
                     ]
                     for row in summary["taps"]
                 ],
-                "Log probability of the taps of left-out sessions (nat per tap)",
+                f"Log probability of the taps of left-out {unit}s (nat per tap)",
             ),
             columns=(0, 1, 2, 3, 6),
         )
         yield Picture(
-            "sessions",
-            "Prediction of left-out sessions",
+            f"{unit}s",
+            f"Prediction of left-out {unit}s",
             "Mean log probability of a tap’s bins minus that of the reference model, with 95% intervals.",
-            partial(figures_taps.sessions_left_out, comparison.left_out_sessions),
+            partial(figures_taps.groups_left_out, comparison.left_out_groups),
         )
+        if unit != "session":
+            yield from _inferred(summary)
     if comparison.left_out_taps is not None:
         yield from _single_taps(comparison.left_out_taps, summary)
+
+
+def _inferred(summary: Row) -> Iterator[Block]:
+    unit, less = summary["unit"], f"− {summary['reference']}"
+    other = "object" if unit == "position" else "position"
+    yield (
+        f"A model without parameters for a {unit} that it was not trained on gives a tap the mean of its probabilities "
+        f"at the trained {unit}s and the same {other}. The {other} is inferred from one tap at the left-out {unit}, "
+        f"summed over the {unit}s that the model knows, all equally probable at first, at the power of its decisions."
+    )
+    error = f"{other} error" + in_brackets(summary["units"]["what" if other == "object" else "where"])
+    heads = {f"log belief in the true {other} (nat)": "belief", error: "error"}
+    yield Table(
+        ["model", *(head for title in heads for head in (title, less))],
+        [
+            [row["name"], *(interval(row, key) for name in heads.values() for key in (name, f"{name}_difference"))]
+            for row in summary["taps"]
+        ],
+        f"{other.capitalize()} after one tap at left-out {unit}s",
+    )
 
 
 def _single_taps(left_out: xr.Dataset, summary: Row) -> Iterator[Block]:

@@ -46,11 +46,10 @@ class Criterion(NamedTuple):
 def levels(comparison: Comparison) -> list[Criterion]:
     """All levels that the comparison can rank by."""
     found = []
-    means = comparison.left_out_sessions
+    means = comparison.left_out_groups
     if means is not None and "integrated" in means:
-        found.append(
-            _level("taps", "predicts the taps of a left-out session best", "nat per tap", True, means, "integrated")
-        )
+        said = f"predicts the taps of a left-out {means.attrs['unit']} best"
+        found.append(_level("taps", said, "nat per tap", True, means, "integrated"))
     contacts = comparison.classes["contacts"].values
     for n in dict.fromkeys((int(contacts[0]), int(contacts[-1]))):
         title = f"class after {n} tap{'s' * (n > 1)}"

@@ -48,8 +48,8 @@ class ComparisonReport(StudyReport):
 
     @property
     def taps(self) -> xr.Dataset | None:
-        """Mean log probability of taps of sessions left out, dim model; `None` without a second session."""
-        return self.found.left_out_sessions
+        """Mean log probability of taps of groups left out, dim model; `None` without a second group."""
+        return self.found.left_out_groups
 
     @property
     def classes(self) -> xr.Dataset:
@@ -63,7 +63,7 @@ class ComparisonReport(StudyReport):
 
     @property
     def elpd(self) -> dict[str, Any]:
-        """Log probabilities of the taps of sessions left out, by model, as input of `az.compare`.
+        """Log probabilities of the taps of groups left out, by model, as input of `az.compare`.
 
         Each tap's are relative to the best model of that tap: only differences count, and their exponentials are taken.
         """
@@ -87,6 +87,8 @@ def compare(
     trials: int = 4000,
     thresholds: Sequence[float] | None = None,
     play: PlaySettings = PlaySettings(),
+    leave_out: str = "session",
+    folds: int = 6,
     seed: int = 0,
     progress: Progress = no_progress,
     command: str = "",
@@ -104,6 +106,9 @@ def compare(
         trials: Trials of each model, passive and active.
         thresholds: Belief thresholds, theta_W; `None` for those of the paper's range.
         play: How trials are played.
+        leave_out: What models predict from the rest: each `session`, or each `position` or `object` of the test taps,
+            on whose taps the models were not trained.
+        folds: The most folds; more sessions, positions or objects are left out in groups.
         seed: Random seed.
         progress: Called with the name and size of every stage; returns the function that advances it.
         command: The command line, for the page.
@@ -134,6 +139,8 @@ def compare(
         play=play,
         seed=seed,
         one_recording=len(data) == 1,
+        leave_out=leave_out,
+        folds=folds,
     )
     found = compare_models(fold.train, fold.test, grid, settings, progress)
     described = _described(data, parts, grid, dropped, found.test_taps, command)

@@ -21,18 +21,8 @@ from ..page.stages import Progress, StageClock
 from ..stats.checks import REPLICATES, predictive_checks
 from ..stats.decisions import at_equal_taps, decision_curves, planned, play_models
 from .classes import class_scores
-from .taps import (
-    SessionFold,
-    TapScores,
-    join_scores,
-    known_taps,
-    leave_one_tap_out,
-    mean_scores,
-    relative_elpd,
-    score_fold,
-    session_folds,
-    stacked,
-)
+from .groups import UNITS, Fold, folds_of, known_taps, said, scorer
+from .taps import TapScores, join_scores, leave_one_tap_out, mean_scores, relative_elpd, stacked
 
 _FEWEST_DRAWS = 100
 
@@ -41,7 +31,8 @@ _FEWEST_DRAWS = 100
 class CompareSettings:
     """Everything that changes the numbers of a comparison, see `report.compare`.
 
-    With `one_recording`, sessions of the same number in training and test taps are the same session.
+    With `one_recording`, sessions of the same number in training and test taps are the same session. Groups left out
+    are sessions, positions or objects, `leave_out`, in at most `folds` folds.
     """
 
     models: tuple[str, ...]
@@ -52,6 +43,8 @@ class CompareSettings:
     play: PlaySettings = PlaySettings()
     seed: int = 0
     one_recording: bool = False
+    leave_out: str = "session"
+    folds: int = 6
 
 
 class Comparison(NamedTuple):
@@ -64,12 +57,12 @@ class Comparison(NamedTuple):
         refused: Why each of the others could not.
         seconds: How long each model took to fit to the training taps.
         left_out_taps: Over (model, tap), see `taps.leave_one_tap_out`; `None` where it was skipped.
-        left_out_sessions: Means over (model) of `integrated` and `plug_in`, see `taps.mean_scores`; `None`
-            without a second session.
-        elpd: Log probabilities of the taps of sessions left out by model, see `taps.relative_elpd`; nothing without a
-            second session.
+        left_out_groups: Means over (model) of `groups.score_fold`, see `taps.mean_scores`; `None` without a second
+            group. The attribute `unit` says what groups are.
+        elpd: Log probabilities of the taps of groups left out by model, see `taps.relative_elpd`; nothing without a
+            second group.
         stacking: ArviZ's comparison of these, a data frame; `None` with less than two models.
-        sessions: How sessions were left out, in a sentence.
+        groups: How groups were left out, in a sentence.
         checks: See `stats.checks`; `None` where they were skipped.
         classes: See `classes`.
         curves: See `stats.decisions.decision_curves`.
@@ -84,10 +77,10 @@ class Comparison(NamedTuple):
     refused: dict[str, str]
     seconds: dict[str, float]
     left_out_taps: xr.Dataset | None
-    left_out_sessions: xr.Dataset | None
+    left_out_groups: xr.Dataset | None
     elpd: dict[str, Any]
     stacking: Any
-    sessions: str
+    groups: str
     checks: xr.Dataset | None
     classes: xr.Dataset
     curves: xr.Dataset
@@ -111,7 +104,7 @@ def compare_models(
     fits, learned, refused, seconds = _fit_all(settings.models, train, grid, fit, clock)
     shared = _shared(fits, test)
     left_out = _leave_out_taps(fits, train, settings, clock)
-    sessions, elpd, sentence = _leave_out_sessions(fits, train, test, grid, fit, settings, clock)
+    groups, elpd, sentence = _leave_out_groups(fits, train, test, grid, fit, settings, clock)
     checks = None
     if settings.draws:
         known = known_taps(train, grid, np.all([f.model.trained for f in fits.values()], axis=0))
@@ -137,10 +130,10 @@ def compare_models(
         refused=refused,
         seconds=seconds,
         left_out_taps=left_out,
-        left_out_sessions=sessions,
+        left_out_groups=groups,
         elpd=elpd,
         stacking=stacked(elpd) if len(elpd) > 1 else None,
-        sessions=sentence,
+        groups=sentence,
         checks=checks,
         classes=classes,
         curves=decision_curves(played),
@@ -158,6 +151,10 @@ def _check(settings: CompareSettings) -> None:
         raise InputError(f"--models must name different models, got {','.join(settings.models)!r}.")
     if 0 < settings.draws < _FEWEST_DRAWS:
         raise InputError(f"--draws must be 0, or {_FEWEST_DRAWS} or more to look at tails, got {settings.draws}.")
+    if settings.leave_out not in UNITS:
+        raise InputError(f"--leave-out must be one of {', '.join(UNITS)}, got {settings.leave_out!r}.")
+    if settings.folds < 2:
+        raise InputError(f"--folds must be at least 2, got {settings.folds}.")
     in_states = [name for name in settings.models if split_name(name)[1]]
     if settings.play.border == "prior" and in_states:
         raise InputError(
@@ -225,7 +222,7 @@ def _leave_out_taps(
     return xr.concat(parts, dim=names, join="outer", data_vars="all").assign_attrs(draws=settings.draws)
 
 
-def _leave_out_sessions(
+def _leave_out_groups(
     fits: dict[str, Fitted],
     train: TapSet,
     test: TapSet,
@@ -234,34 +231,51 @@ def _leave_out_sessions(
     settings: CompareSettings,
     clock: StageClock,
 ) -> tuple[xr.Dataset | None, dict[str, Any], str]:
-    folds, sentence = session_folds(train, test, one_recording=settings.one_recording)
+    unit = settings.leave_out
+    folds, sentence = folds_of(unit, train, test, grid, settings.folds, one_recording=settings.one_recording)
     if not folds:
         return None, {}, sentence
-    scores: dict[str, dict[str, list[TapScores]]] = {"integrated": {}, "plug_in": {}}
+    score = scorer(unit, folds, grid, settings.seed)
+    scores: dict[str, dict[str, list[TapScores]]] = {}
     failed: dict[str, str] = {}
-    with clock.stage("Leaving out sessions", len(folds) * len(fits)) as advance:
+    with clock.stage(f"Leaving out {unit}s", len(folds) * len(fits)) as advance:
         for fold in folds:
             refitted = _refit(fits, fold, train, grid, fit, failed)
-            shared = np.all([fitted.model.trained for fitted in refitted.values()], axis=0)
-            taps = fold._replace(test=known_taps(fold.test, grid, shared))
+            shared = np.all([said(fitted.model.trained, unit) for fitted in refitted.values()], axis=0)
+            taps = known_taps(fold.test, grid, shared)
             for name, fitted in refitted.items():
-                for kind, score in score_fold(fitted, taps, settings.seed).items():
-                    scores[kind].setdefault(name, []).append(score)
+                for kind, part in score(fitted, taps, fits[name].model.exponent).items():
+                    scores.setdefault(kind, {}).setdefault(name, []).append(part)
                 advance(1)
     whole = {
         kind: {name: join_scores(parts) for name, parts in named.items() if len(parts) == len(folds)}
         for kind, named in scores.items()
     }
-    means = [mean_scores(named, next(iter(named)), kind, settings.seed) for kind, named in whole.items() if named]
+    labels = _labels(unit, grid)
+    means = [
+        mean_scores(named, next(iter(named)), kind, settings.seed, *labels.get(kind, ()))
+        for kind, named in whole.items()
+        if named
+    ]
     for name, reason in failed.items():
         sentence += f" {name} could not be fitted to the others each time: {reason}"
-    merged = xr.merge(means, join="outer", combine_attrs="drop_conflicts") if means else None
-    return merged, relative_elpd(whole["integrated"], len(folds)) if whole["integrated"] else {}, sentence
+    merged = xr.merge(means, join="outer", combine_attrs="drop_conflicts").assign_attrs(unit=unit) if means else None
+    elpd = relative_elpd(predicted, len(folds)) if (predicted := whole.get("integrated")) else {}
+    return merged, elpd, sentence
+
+
+def _labels(unit: str, grid: ClassGrid) -> dict[str, tuple[str, str, float]]:
+    """Name, unit and least value of what is inferred where positions or objects are left out."""
+    inferred, of = ("object", grid.what_error_unit) if unit == "position" else ("position", grid.where_unit)
+    return {
+        "belief": (f"mean log belief in the true {inferred} after one tap", "nat", -np.inf),
+        "error": (f"mean {inferred} error after one tap", of, 0.0),
+    }
 
 
 def _refit(
     fits: dict[str, Fitted],
-    fold: SessionFold,
+    fold: Fold,
     train: TapSet,
     grid: ClassGrid,
     fit: FitSettings,

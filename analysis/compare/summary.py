@@ -61,10 +61,11 @@ def summarise(comparison: Comparison, settings: CompareSettings, described: Row)
         "test_taps": comparison.test_taps,
         "models": [_model(comparison, name, settings.fit.power) for name in names],
         "refused": [{"name": name, "reason": reason} for name, reason in comparison.refused.items()],
-        "sessions": comparison.sessions,
+        "unit": settings.leave_out,
+        "groups": comparison.groups,
         "warnings": [
             *described["warnings"],
-            *([comparison.sessions] if comparison.left_out_sessions is None else []),
+            *([comparison.groups] if comparison.left_out_groups is None else []),
             *too_few_taps(comparison.curves, _shown(comparison.curves)),
             *_no_class_left(comparison),
             *_alone(names),
@@ -120,7 +121,7 @@ def _model(comparison: Comparison, name: str, power: str | float) -> Row:
 
 
 def _taps(comparison: Comparison) -> list[Row]:
-    means, single, stacking = comparison.left_out_sessions, comparison.left_out_taps, comparison.stacking
+    means, single, stacking = comparison.left_out_groups, comparison.left_out_taps, comparison.stacking
     found: dict[str, dict[str, Any]] = {name: {"name": name} for name in comparison.fits}
     if means is not None:
         for row in _rows(means):

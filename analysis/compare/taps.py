@@ -1,9 +1,8 @@
 """Models compared by prediction of taps: log probability of the bins of a tap under its own class.
 
 All densities are at power 1, as a powered likelihood is not normalised, and all are probabilities of the same bins.
-Two ways to leave taps out. Single training taps: by Pareto smoothed importance sampling (Vehtari et al., JMLR 25 (2024)
-72) where its diagnostic allows, which a sample of the taps decides, and exactly for the histogram. Whole sessions:
-fitted to the others, which is what a model meets when it is put to use.
+Single training taps are left out by Pareto smoothed importance sampling (Vehtari et al., JMLR 25 (2024) 72) where its
+diagnostic allows, which a sample of the taps decides, and exactly for the histogram; for whole groups see `groups`.
 """
 
 import warnings
@@ -15,54 +14,33 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from ...inference.trials.resampling import Spread
-from ...models.errors import InputError
-from ...models.grid import ClassGrid
-from ...models.measurement.draws import drawn, integrated, plug_in
+from ...models.measurement.draws import drawn
 from ...models.measurement.histogram import HistogramPosterior
 from ...models.measurement.model import Fitted
 from ...models.seeds import Purpose, generator
-from ...models.taps import TapSet, concatenate
+from ...models.taps import TapSet
 from ..stats.pairing import RESAMPLES, with_intervals
 
 GOOD_K = 0.7
 """Pareto k above which importance sampling of a tap is not to be trusted, however many draws; less with few."""
 SAMPLE = 100
 """Taps by which importance sampling is judged; the others are looked at only where it works for all of these."""
-MOST_FOLDS = 6
-
-
-class SessionFold(NamedTuple):
-    """One group of sessions left out."""
-
-    name: str
-    train: TapSet
-    test: TapSet
 
 
 class TapScores(NamedTuple):
-    """Log probability of each tap, and where it belongs.
+    """Score of each tap, and where it belongs.
 
     Attributes:
-        values: In nats, shape (N,).
-        cluster: Number of the tap's session and class; taps of one cluster err together; shape (N,).
+        values: Log probabilities in nats, or another score, shape (N,).
+        cluster: Number of the tap's session and class, or of the fold of positions or objects that was left out; taps
+            of one cluster err together; shape (N,).
+        without: The score if one more cluster had been left out, shape (N, C), NaN for the tap's own; `None` where
+            taps of other clusters do not depend on it.
     """
 
     values: NDArray[np.float64]
     cluster: NDArray[np.intp]
-
-
-def known_taps(taps: TapSet, grid: ClassGrid, covered: NDArray[np.bool_]) -> TapSet:
-    """The taps of covered classes.
-
-    Raises:
-        InputError: There is none.
-    """
-    where, what = taps.indices(grid)
-    inside = (where >= 0) & (what >= 0)
-    inside[inside] = covered[where[inside], what[inside]]
-    if not inside.any():
-        raise InputError("No tap is left: none belongs to a class with a training tap.")
-    return taps.select(inside)
+    without: NDArray[np.float64] | None = None
 
 
 def leave_one_tap_out(
@@ -122,63 +100,18 @@ def _importance_sampled(
     return loo.elpd_i.values, loo.pareto_k.values, min(GOOD_K, float(loo.good_k))
 
 
-def session_folds(train: TapSet, test: TapSet, *, one_recording: bool = False) -> tuple[list[SessionFold], str]:
-    """Every session of both sets left out in turn, in at most `MOST_FOLDS` groups.
-
-    Args:
-        train: Training taps.
-        test: Test taps.
-        one_recording: Whether sessions of the same number in both are the same session.
-
-    Returns:
-        The folds, the one that tests `test` on `train` itself last where there is such a one, and a sentence. No fold
-        where there is one session only.
-    """
-    test = test if one_recording else _renumbered(train, test)
-    try:
-        pooled = concatenate([train, test])
-    except InputError as error:
-        sentence = f"TRAIN and TEST cannot be pooled ({str(error).rstrip('.')}), so TEST alone is left out."
-        return [SessionFold("TEST", train, test)], sentence
-    sessions = np.unique(pooled.session)
-    if len(sessions) < 2:
-        return [], "No session can be left out, because there is only one."
-    groups = np.array_split(sessions, min(len(sessions), MOST_FOLDS))
-    folds = []
-    for group in groups:
-        left_out = np.isin(pooled.session, group)
-        folds.append(
-            SessionFold(f"session {', '.join(map(str, group))}", pooled.select(~left_out), pooled.select(left_out))
-        )
-    same = [set(np.unique(fold.train.session)) == set(np.unique(train.session)) for fold in folds]
-    is_main = [s and len(fold.train) == len(train) for s, fold in zip(same, folds, strict=True)]
-    folds = [f for f, m in zip(folds, is_main, strict=True) if not m] + [
-        f._replace(train=train) for f, m in zip(folds, is_main, strict=True) if m
-    ]
-    each = "Each session" if len(groups) == len(sessions) else f"Each of {len(groups)} groups of sessions"
-    return folds, f"{each} of TRAIN and TEST was predicted from the others."
-
-
-def score_fold(fitted: Fitted, fold: SessionFold, seed: int) -> dict[str, TapScores]:
-    """Scores `integrated` and `plug_in` of the taps of a fold's test set whose classes the model knows."""
-    taps = known_taps(fold.test, fitted.model.grid, fitted.model.trained)
-    own = taps.indices(fitted.model.grid)
-    _, cluster = np.unique(np.stack([taps.session, own[0] * fitted.model.grid.M + own[1]]), axis=1, return_inverse=True)
-    cluster = np.asarray(cluster, dtype=np.intp).ravel()
-    scores = {"plug_in": TapScores(plug_in(fitted, taps.taps, own), cluster)}
-    if fitted.posterior is not None:
-        chance = generator(seed, Purpose.SCORES)
-        scores["integrated"] = TapScores(integrated(fitted, taps.taps, own, chance), cluster)
-    return scores
-
-
 def join_scores(parts: Sequence[TapScores]) -> TapScores:
     """Scores of several folds one behind the other, their clusters kept apart."""
     offset, clusters = 0, []
     for part in parts:
         clusters.append(part.cluster + offset)
         offset += int(part.cluster.max(initial=-1)) + 1
-    return TapScores(np.concatenate([part.values for part in parts]), np.concatenate(clusters))
+    without = [part.without for part in parts if part.without is not None]
+    return TapScores(
+        np.concatenate([part.values for part in parts]),
+        np.concatenate(clusters),
+        np.concatenate(without) if without else None,
+    )
 
 
 def relative_elpd(scores: Mapping[str, TapScores], folds: int) -> dict[str, Any]:
@@ -223,29 +156,46 @@ def stacked(elpd: Mapping[str, Any]) -> Any:
         return az.compare(elpd, method="stacking", round_to="none")
 
 
-def mean_scores(scores: Mapping[str, TapScores], reference: str, name: str, seed: int) -> xr.Dataset:
-    """Mean log probability per tap of every model, and of its difference to a reference, with bootstrap intervals.
+def mean_scores(
+    scores: Mapping[str, TapScores],
+    reference: str,
+    name: str,
+    seed: int,
+    long_name: str = "mean log probability of a tap's bins",
+    units: str = "nat per tap",
+    least: float = -np.inf,
+) -> xr.Dataset:
+    """Mean score per tap of every model, and of its difference to a reference, with intervals.
 
-    Clusters are drawn, a session's taps of one class at a time, the same for all models; C of them tell their variance
-    with C - 1 degrees of freedom.
+    Clusters are drawn with replacement, the same for all models. Where the score of a tap depends on other clusters, as
+    it does on the positions that the model was trained on, each cluster is left out in turn instead, as a tap and as
+    one of these (jackknife). C clusters tell a variance with C - 1 degrees of freedom.
     """
     names = list(scores)
     first = scores[names[0]]
     C, N = int(first.cluster.max()) + 1, len(first.values)
-    size = np.bincount(first.cluster, minlength=C)
-    drawn_times = generator(seed, Purpose.CLUSTERS).multinomial(C, np.full(C, 1 / C), size=RESAMPLES).astype(np.float64)
-    weights = np.concatenate([np.ones((1, C)), drawn_times])
-    sums = np.array([np.bincount(scores[n].cluster, scores[n].values, minlength=C) for n in names])
-    samples = (sums @ weights.T) / (weights @ size)
-    attributes = {"long_name": "mean log probability of a tap's bins", "units": "nat per tap"}
-    spread = Spread(float(np.sqrt(C / max(C - 1, 1))), freedom=max(C - 1.0, 1.0))
-    result = with_intervals(name, samples, ("model",), names.index(reference), attributes, spread)
+    if first.without is None:
+        samples, factor = _resampled(scores, C, seed), np.sqrt(C / max(C - 1, 1))
+    else:
+        samples = np.array([_jackknifed(one.values, one.cluster, one.without) for one in scores.values()])
+        factor = (C - 1) / np.sqrt(C) if C > 2 else np.nan
+    spread = Spread(float(factor), freedom=max(C - 1.0, 1.0))
+    attributes = {"long_name": long_name, "units": units}
+    place = names.index(reference)
+    result = with_intervals(name, samples, ("model",), place, attributes, spread, limits=(least, np.inf))
     return result.assign_coords(model=np.array(names, dtype=np.str_)).assign_attrs(taps=N, reference=reference)
 
 
-def _renumbered(train: TapSet, test: TapSet) -> TapSet:
-    """The test taps, in sessions of their own numbers where the training taps have the same ones."""
-    if not np.isin(test.session, train.session).any():
-        return test
-    offset = int(train.session.max()) + 1 - int(test.session.min())
-    return TapSet(test.dataset.assign_coords(session=("tap", test.session + offset)))
+def _resampled(scores: Mapping[str, TapScores], clusters: int, seed: int) -> NDArray[np.float64]:
+    """Mean score and its resamples, shape (models, 1 + RESAMPLES)."""
+    C, first = clusters, next(iter(scores.values()))
+    size = np.bincount(first.cluster, minlength=C)
+    drawn_times = generator(seed, Purpose.CLUSTERS).multinomial(C, np.full(C, 1 / C), size=RESAMPLES).astype(np.float64)
+    weights = np.concatenate([np.ones((1, C)), drawn_times])
+    sums = np.array([np.bincount(one.cluster, one.values, minlength=C) for one in scores.values()])
+    return (sums @ weights.T) / (weights @ size)
+
+
+def _jackknifed(values: NDArray[np.float64], cluster: NDArray[np.intp], without: Any) -> list[float]:
+    """Mean score, and behind it that without each cluster, shape (1 + C,)."""
+    return [values.mean(), *(left[cluster != c].mean() for c, left in enumerate(without.T))]

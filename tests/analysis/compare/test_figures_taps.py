@@ -16,12 +16,12 @@ def with_bounds(name: str) -> dict[str, tuple[str, np.ndarray]]:
     return {f"{name}{end}": ("model", part) for end, part in {**parts, **differences}.items()}
 
 
-def test_every_model_is_a_row_of_sessions_left_out():
+def test_every_model_is_a_row_of_groups_left_out():
     """Labels are the models' names, and the x axis says what is compared in which unit."""
     means = xr.Dataset(
         {**with_bounds("integrated"), **with_bounds("plug_in")}, {"model": NAMES}, {"reference": "histogram"}
     )
-    (axes,) = figures.sessions_left_out(means).axes
+    (axes,) = figures.groups_left_out(means).axes
     assert [label.get_text() for label in axes.get_yticklabels()] == NAMES.tolist()
     assert axes.get_xlabel() == "log probability per tap − that of histogram (nat)"
 
@@ -32,7 +32,7 @@ def test_missing_estimates_leave_their_row_empty():
         {**with_bounds("integrated"), **with_bounds("plug_in")}, {"model": NAMES}, {"reference": "histogram"}
     )
     means["integrated_difference"][1] = np.nan
-    (axes,) = figures.sessions_left_out(means).axes
+    (axes,) = figures.groups_left_out(means).axes
     assert len([line for line in axes.lines if line.get_marker() == "o" and len(line.get_xdata())]) == 5
 
 

@@ -55,3 +55,28 @@ def test_absolute_log_probabilities_of_taps_would_have_no_weights(report):
         table = compared(absolute)
 
     assert np.ptp(table["weight"]) < 0.01
+
+
+@pytest.mark.parametrize(("unit", "other"), [("position", "object"), ("object", "position")])
+def test_new_positions_and_objects_have_a_table_of_their_own(make_taps, unit, other):
+    """What is predicted, with what units, and what a tap tells of the other kind."""
+    taps = make_taps(L=3, M=2, J=6, K=2, sessions=2, repeats=6)
+    first = taps.session == 0
+    report = compare(
+        taps.select(first),
+        taps.select(~first),
+        models=["histogram", "gaussian"],
+        fit=FitSettings(bins=10),
+        draws=0,
+        trials=20,
+        thresholds=[0.5],
+        leave_out=unit,
+    )
+    page = repr(report.page)
+
+    assert report.taps.attrs["unit"] == unit
+    assert {"integrated", "plug_in", "belief", "error_difference_low"} <= set(report.taps)
+    assert report.taps["belief"].attrs["long_name"] == f"mean log belief in the true {other} after one tap"
+    assert f"{unit}s_left_out" in report.tree
+    assert f"leaving out each fold of {unit}s" in page
+    assert f"{other.capitalize()} after one tap at left-out {unit}s" in page

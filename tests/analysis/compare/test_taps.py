@@ -1,8 +1,9 @@
-"""Models compared by taps: sessions and single taps left out, stacking, predictive checks."""
+"""Models compared by taps: groups and single taps left out, stacking, predictive checks."""
 
 import numpy as np
 import pytest
 import xarray as xr
+from solidtouch.analysis.compare.groups import folds_of, score_sessions
 from solidtouch.analysis.compare.summary import _single
 from solidtouch.analysis.compare.taps import (
     TapScores,
@@ -10,8 +11,6 @@ from solidtouch.analysis.compare.taps import (
     leave_one_tap_out,
     mean_scores,
     relative_elpd,
-    score_fold,
-    session_folds,
     stacked,
 )
 from solidtouch.analysis.stats.checks import STATISTICS, predictive_checks
@@ -42,52 +41,14 @@ def make_taps(seed: int, sessions: int, first: int = 0, rho: float = 0.0) -> Tap
     )
 
 
-def test_every_session_is_left_out_once():
-    """The folds' test taps are all taps, each once, and no training tap is of a session left out."""
-    train, test = make_taps(0, 2), make_taps(1, 1, first=2)
-    folds, sentence = session_folds(train, test)
-    assert len(folds) == 3
-    assert sum(len(fold.test) for fold in folds) == len(train) + len(test)
-    for fold in folds:
-        assert not np.isin(fold.train.session, fold.test.session).any()
-    assert folds[-1].train is train
-    assert "Each session of TRAIN and TEST" in sentence
-
-
-def test_sessions_of_two_recordings_are_told_apart():
-    """Session 0 of two files is two sessions, that of one file divided between both is one."""
-    assert len(session_folds(make_taps(0, 1), make_taps(1, 1))[0]) == 2
-    whole = make_taps(0, 1)
-    parts = whole.select(np.arange(12)), whole.select(np.arange(12, 24))
-    folds, sentence = session_folds(*parts, one_recording=True)
-    assert folds == []
-    assert "only one" in sentence
-
-
-def test_many_sessions_are_left_out_in_groups():
-    """Never more than six fits."""
-    folds, sentence = session_folds(make_taps(0, 9), make_taps(1, 1, first=20))
-    assert len(folds) == 6
-    assert "6 groups of sessions" in sentence
-
-
-def test_other_objects_in_test_leave_one_direction():
-    """Recordings that cannot be pooled are compared from TRAIN to TEST."""
-    train = make_taps(0, 1)
-    test = TapSet(make_taps(1, 1, first=1).dataset.isel(taxel=slice(0, 2)))
-    folds, sentence = session_folds(train, test)
-    assert [fold.name for fold in folds] == ["TEST"]
-    assert "cannot be pooled" in sentence
-
-
 def test_histogram_is_left_out_exactly_and_importance_sampling_says_where_it_fails():
     """Pareto k is there for every tap, and the exact value lies below the one that knows the tap."""
     taps = make_taps(0, 1)
     fitted = fit_model("histogram", taps, taps.grid(), SETTINGS)
     result = leave_one_tap_out(fitted, taps, 200, seed=0)
     assert result["pareto_k"].shape == (len(taps),)
-    within = score_fold(fitted, session_folds(taps, make_taps(1, 1, first=1))[0][-1]._replace(test=taps), 0)
-    assert float(result["exact_plug_in"].mean()) < within["plug_in"].values.mean()
+    within = score_sessions(fitted, taps, 0)["plug_in"]
+    assert float(result["exact_plug_in"].mean()) < within.values.mean()
     assert set(result) == {"psis", "pareto_k", "looked_at", "good_k", "exact", "exact_plug_in"}
 
 
@@ -140,10 +101,13 @@ def test_taps_without_a_pareto_k_are_not_ranked():
 
 def test_the_model_that_made_the_taps_wins():
     """Correlated residuals are predicted better by the model that knows of them, by weight and by interval."""
-    folds, _ = session_folds(make_taps(0, 1, rho=0.8), make_taps(1, 1, first=1, rho=0.8))
+    train, test = make_taps(0, 1, rho=0.8), make_taps(1, 1, first=1, rho=0.8)
+    folds, _ = folds_of("session", train, test, train.grid(), 6)
     scores = {}
     for name in ("profile", "profile-ar"):
-        parts = [score_fold(fit_model(name, fold.train, fold.train.grid(), SETTINGS), fold, 0) for fold in folds]
+        parts = [
+            score_sessions(fit_model(name, fold.train, fold.train.grid(), SETTINGS), fold.test, 0) for fold in folds
+        ]
         scores[name] = join_scores([part["integrated"] for part in parts])
     table = stacked(relative_elpd(scores, len(folds)))
     assert table.loc["profile-ar", "rank"] == 0
@@ -196,8 +160,7 @@ def test_clusters_are_sessions_and_classes():
     """Taps share a cluster where they share both, and clusters of different folds stay apart."""
     taps = make_taps(0, 2)
     fitted = fit_model("histogram", taps, taps.grid(), SETTINGS)
-    fold = session_folds(taps, make_taps(1, 2, first=2))[0][-1]._replace(test=taps)
-    part = score_fold(fitted, fold, 0)["plug_in"]
+    part = score_sessions(fitted, taps, 0)["plug_in"]
     label = 2 * taps.session + taps.indices(taps.grid())[1]
     assert len(np.unique(part.cluster)) == len(np.unique(label)) == 4
     assert len(np.unique(np.stack([part.cluster, label]), axis=1).T) == 4
