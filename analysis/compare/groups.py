@@ -27,7 +27,7 @@ _AXIS = {"position": 0, "object": 1}
 _ROOM = 1 << 23  # samples of repeated taps held at a time
 
 
-class Fold(NamedTuple):
+class GroupFold(NamedTuple):
     """One group left out."""
 
     name: str
@@ -37,7 +37,7 @@ class Fold(NamedTuple):
 
 def folds_of(
     unit: str, train: TapSet, test: TapSet, grid: ClassGrid, most: int, *, one_recording: bool = False
-) -> tuple[list[Fold], str]:
+) -> tuple[list[GroupFold], str]:
     """Every session, position or object left out in turn, in at most `most` groups of neighbours.
 
     Sessions are those of both sets. Positions and objects are left out of the training taps and predicted in the test
@@ -64,7 +64,7 @@ def folds_of(
         return [], f"No {unit} can be left out, because TRAIN and TEST share fewer than two."
     names = grid.what_name if axis else [grid.where_label(l) for l in range(grid.L)]
     folds = [
-        Fold(
+        GroupFold(
             f"{unit} {', '.join(names[i] for i in group)}",
             train.select(~np.isin(trained, group)),
             test.select(np.isin(tested, group) & (others >= 0)),
@@ -102,7 +102,7 @@ def known_taps(taps: TapSet, grid: ClassGrid, covered: NDArray[np.bool_]) -> Tap
 type Scorer = Callable[[Fitted, TapSet, float], dict[str, TapScores]]
 
 
-def scorer(unit: str, folds: Sequence[Fold], grid: ClassGrid, seed: int) -> Scorer:
+def scorer(unit: str, folds: Sequence[GroupFold], grid: ClassGrid, seed: int) -> Scorer:
     """What scores the left-out taps under a model, given the exponent of its decisions."""
     if unit == "session":
         return lambda fitted, taps, _: score_sessions(fitted, taps, seed)
@@ -134,7 +134,7 @@ def score_places(
         fitted: Without the group that is left out.
         taps: Taps of that group.
         unit: `position` or `object`.
-        fold_of: Fold of each position or object, -1 where it is never left out, shape (L,) or (M,).
+        fold_of: GroupFold of each position or object, -1 where it is never left out, shape (L,) or (M,).
         seed: Random seed.
         exponent: Of the likelihood in beliefs.
 
@@ -208,13 +208,13 @@ def _log_mean(table: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
         return _log_sum(table, axis) - np.log((~np.isnan(table)).sum(axis=axis))
 
 
-def _session_folds(train: TapSet, test: TapSet, most: int, one_recording: bool) -> tuple[list[Fold], str]:
+def _session_folds(train: TapSet, test: TapSet, most: int, one_recording: bool) -> tuple[list[GroupFold], str]:
     test = test if one_recording else _renumbered(train, test)
     try:
         pooled = concatenate([train, test])
     except InputError as error:
         sentence = f"TRAIN and TEST cannot be pooled ({str(error).rstrip('.')}), so TEST alone is left out."
-        return [Fold("TEST", train, test)], sentence
+        return [GroupFold("TEST", train, test)], sentence
     sessions = np.unique(pooled.session)
     if len(sessions) < 2:
         return [], "No session can be left out, because there is only one."
@@ -222,7 +222,9 @@ def _session_folds(train: TapSet, test: TapSet, most: int, one_recording: bool) 
     folds = []
     for group in groups:
         left_out = np.isin(pooled.session, group)
-        folds.append(Fold(f"session {', '.join(map(str, group))}", pooled.select(~left_out), pooled.select(left_out)))
+        folds.append(
+            GroupFold(f"session {', '.join(map(str, group))}", pooled.select(~left_out), pooled.select(left_out))
+        )
     same = [set(np.unique(fold.train.session)) == set(np.unique(train.session)) for fold in folds]
     is_main = [s and len(fold.train) == len(train) for s, fold in zip(same, folds, strict=True)]
     folds = [f for f, m in zip(folds, is_main, strict=True) if not m] + [

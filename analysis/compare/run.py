@@ -21,7 +21,7 @@ from ..page.stages import Progress, StageClock
 from ..stats.checks import REPLICATES, predictive_checks
 from ..stats.decisions import at_equal_taps, decision_curves, planned, play_models
 from .classes import class_scores
-from .groups import UNITS, Fold, folds_of, known_taps, said, scorer
+from .groups import UNITS, GroupFold, folds_of, known_taps, said, scorer
 from .taps import TapScores, join_scores, leave_one_tap_out, mean_scores, relative_elpd, stacked
 
 _FEWEST_DRAWS = 100
@@ -275,7 +275,7 @@ def _labels(unit: str, grid: ClassGrid) -> dict[str, tuple[str, str, float]]:
 
 def _refit(
     fits: dict[str, Fitted],
-    fold: Fold,
+    fold: GroupFold,
     train: TapSet,
     grid: ClassGrid,
     fit: FitSettings,
