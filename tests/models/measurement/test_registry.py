@@ -85,6 +85,7 @@ def tenth(request, monkeypatch, tmp_path):
         monkeypatch.setattr(module, "KINDS", (*KINDS, "tenth-model"))
     monkeypatch.setattr(measurement, "__path__", [*measurement.__path__, str(folder)])
     monkeypatch.setattr(generic_fit, "RUNS", 1)
+    monkeypatch.setattr(generic_fit, "check_prior", lambda _: "")
     yield request.param
     sys.modules.pop(f"{measurement.__name__}.tenth_model", None)
 
