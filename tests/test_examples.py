@@ -115,6 +115,7 @@ def test_the_file_of_a_model_is_compared_by_arviz(run, tmp_path, monkeypatch, ma
 
 def test_the_stories_of_the_page_about_own_models_keep_the_contract(make_taps):
     """The first one is fitted where all of the page runs, and stories like them are by tests of the contract."""
+    from solidtouch.models.measurement import registry
     from solidtouch.models.measurement.generic.contract import StoryFunction
     from solidtouch.models.measurement.generic.story import batch_of
     from solidtouch.models.measurement.generic.structure import structure_of
@@ -122,6 +123,7 @@ def test_the_stories_of_the_page_about_own_models_keep_the_contract(make_taps):
     first, *others = blocks("docs/how-to/your-own-model.md")
     stories = {}
     exec("\n".join([first.partition("train, test =")[0], *others]), stories)  # noqa: S102
+    assert registry.split_name("wide-profile") == ("wide-profile", False)
     taps = make_taps(J=6, K=3)
     batch = batch_of(taps.grid(), taps.preprocessing, 3)
     names = ("laplace", "two_levels", "walk", "shifted")

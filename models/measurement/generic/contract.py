@@ -9,6 +9,7 @@
 import inspect
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from ...errors import InputError
@@ -122,19 +123,30 @@ class StoryFunction:
         return cls(function, name, tuple(p.name for p in rest if p.name in known))
 
     @property
+    def code(self) -> Callable[..., Any]:
+        """The function without decorators and given arguments."""
+        function = self.function
+        while isinstance(function, partial):
+            function = function.func
+        return inspect.unwrap(function)
+
+    @property
     def raw(self) -> bool:
         """Whether it describes samples as they are."""
-        return bool(getattr(self.function, "raw", False))
+        return bool(self._mark("raw"))
 
     @property
     def guide(self) -> Callable[..., Any] | None:
         """Its own guide."""
-        return getattr(self.function, "guide", None)
+        return self._mark("guide")
+
+    def _mark(self, name: str) -> Any:
+        return getattr(self.function, name, None) or getattr(self.code, name, None)
 
     @property
     def sentence(self) -> str:
         """First line of its docstring, or its name."""
-        return (inspect.getdoc(self.function) or self.name).splitlines()[0].rstrip(".")
+        return (inspect.getdoc(self.code) or self.name).splitlines()[0].rstrip(".")
 
     def __call__(self, batch: StoryCall, taps: Any = None, **more: Any) -> Any:
         """Runs the function on taps of known class, or without samples; `more` are arguments of its own."""

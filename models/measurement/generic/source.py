@@ -10,6 +10,7 @@ import re
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
@@ -109,12 +110,17 @@ def _from_file(path: Path, function: str) -> Any:
 
 
 def digest(story: StoryFunction) -> str:
-    """Digest of a generative model: of its name and file, or of its own code where there is no file."""
-    function = inspect.unwrap(story.function)
+    """Digest of a generative model: of its name, given arguments and file, or of its own code if there is no file."""
+    function, given = story.code, []
+    if isinstance(story.function, partial):
+        import numpy as np
+
+        with np.printoptions(threshold=sys.maxsize, floatmode="unique"):
+            given = [repr((story.function.args, story.function.keywords)).encode()]
     source, name = inspect.getsourcefile(function), getattr(function, "__qualname__", "").encode()
     if source is not None and Path(source).is_file():
-        return _digest(name + b"\0" + Path(source).read_bytes())
-    return _digest(name + b"\0" + function.__code__.co_code + repr(function.__code__.co_consts).encode())
+        return _digest(b"\0".join([name, *given, Path(source).read_bytes()]))
+    return _digest(b"\0".join([name, *given, function.__code__.co_code + repr(function.__code__.co_consts).encode()]))
 
 
 def _digest(content: bytes) -> str:

@@ -148,7 +148,7 @@ def _looks_back(program: Any) -> bool:
 
 def told_in(story: StoryFunction, error: Exception) -> str:
     """Where an error arose in the file of a function, and what it says."""
-    file = inspect.getsourcefile(inspect.unwrap(story.function))
+    file = inspect.getsourcefile(story.code)
     lines = [frame.lineno for frame in extract_tb(error.__traceback__) if frame.filename == file]
     place = f", line {lines[-1]} of its file" if lines else ""
     return f"{place}: {type(error).__name__}: {(str(error).splitlines() or [''])[0]}"

@@ -1,12 +1,16 @@
 """Functions that keep the contract of a generative model, and how others are refused."""
 
+from functools import partial
+
 import jax.numpy as jnp
 import numpy as np
 import numpyro
 import numpyro.distributions as dist
 import pytest
-from own_stories import alike, correlated, heavy, laplace, levels, shifted, two_levels, walk
+from own_stories import alike, correlated, counts, heavy, laplace, levels, shifted, two_levels, walk
 from solidtouch.models.errors import InputError
+from solidtouch.models.measurement import profile_mvn
+from solidtouch.models.measurement.generic import source
 from solidtouch.models.measurement.generic.contract import StoryCall, StoryFunction, measurement_model
 from solidtouch.models.measurement.generic.structure import structure_of
 
@@ -216,3 +220,20 @@ def with_more(where, what, taps=None, *, width): ...
 def test_other_arguments_are_refused(function, message):
     with pytest.raises(InputError, match=message):
         StoryFunction.of(function, "story")
+
+
+def test_arguments_of_its_own_are_given_by_partial():
+    """The function keeps its sentence and marks; other arguments, also within long arrays, make another digest."""
+    typical = np.zeros(2000)
+    other = np.where(np.arange(2000) == 1000, 1e-9, 0.0)
+    story = StoryFunction.of(profile_mvn.story, "mvn")
+    given, same, changed = (
+        StoryFunction.of(partial(profile_mvn.story, typical=values), "mvn")
+        for values in (typical, typical.copy(), other)
+    )
+
+    assert given.sentence == story.sentence
+    assert given.wanted == story.wanted
+    assert source.digest(given) == source.digest(same)
+    assert len({source.digest(one) for one in (story, given, changed)}) == 3
+    assert StoryFunction.of(partial(counts), "counts").raw
