@@ -148,4 +148,4 @@ def _draws(fitted: "Fitted", taps: "TapSet", draws: int, seed: int, arviz: bool)
             model: Any = fitted.model  # every kind is a dataclass
             model = replace(model, posterior=fitted.posterior)
             return arviz_groups(model, taps, draws=CHAINS * draws, seed=seed, progress=counted)
-        return draw_groups(fitted.model, taps, posterior_draws(fitted, taps, CHAINS, draws, seed, counted))
+        return draw_groups(fitted, taps, posterior_draws(fitted, taps, CHAINS, draws, seed, counted))

@@ -5,10 +5,11 @@ one number per tap, a statistic of its samples, as taps have hundreds of these. 
 closed form are independent and make one chain.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from functools import partial
 from importlib.metadata import version
+from math import prod
 from typing import Any, NamedTuple, cast
 
 import numpy as np
@@ -16,12 +17,12 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from ..errors import InputError, check_count
-from ..measurement.draws import Draws, by_numpyro, replicated_bins, threads_of
+from ..measurement.draws import Chosen, Draws, by_numpyro, replicated_bins, threads_of
 from ..measurement.fits.posterior import ByClass
 from ..measurement.likelihood.bins import find_bins
 from ..measurement.likelihood.shapes import Parameters
 from ..measurement.likelihood.true_class import OwnTaps
-from ..measurement.model import TapModel
+from ..measurement.model import Fitted, TapModel
 from ..seeds import Purpose, generator
 from ..taps import TapSet
 from ..threads import in_order, one_blas_thread
@@ -113,11 +114,11 @@ def arviz_groups(
             "or store draws with it by solidtouch fit --arviz."
         )
     used = model.usable(taps)
-    chains = _Chains.of(model, draws, seed)
+    chosen = Chosen.of(model.posterior, 1, draws, seed)
     predicted = _Predicted.of(model, used, statistic)
     prior, keep = model.prior(model.posterior), partial(_labelled, model, var_names, coords)
     parts: dict[str, list[xr.Dataset]] = {}
-    for number, drawn in enumerate(chains.each(partial(predicted.of_draw, seed))):
+    for number, drawn in enumerate(_each(model, chosen, partial(predicted.of_draw, seed))):
         before = prior.draw(generator(seed, Purpose.PRIOR, number))
         found = {
             "posterior": keep(drawn.parameters),
@@ -131,31 +132,33 @@ def arviz_groups(
         if progress is not None:
             progress(1)
     known = tap_coords(model, used)
-    groups = {name: chains.joined(each) for name, each in parts.items()}
+    groups = {name: _joined(each, chosen.shape) for name, each in parts.items()}
     groups["observed_data"] = xr.Dataset({TAPS: (predicted.dims, predicted.observed)})
     for name in ("log_likelihood", "posterior_predictive", "observed_data"):
         groups[name] = groups[name].assign_coords(known)
     for name in ("posterior_predictive", "observed_data"):
         groups[name][TAPS].attrs["long_name"] = predicted.told
-    attributes = _attributes(model, chains)
+    attributes = _attributes(model, model.posterior)
     return {name: group.assign_attrs(attributes) for name, group in groups.items() if group.data_vars}
 
 
-def draw_groups(model: TapModel, taps: TapSet, draws: Draws) -> dict[str, xr.Dataset]:
+def draw_groups(fitted: Fitted, taps: TapSet, draws: Draws) -> dict[str, xr.Dataset]:
     """Groups `posterior` and `log_likelihood` of draws that were made before.
 
     Args:
-        model: The model.
+        fitted: The model and its posterior.
         taps: Its training taps, as given to `posterior_draws`.
         draws: Draws of its parameters, and log-likelihoods.
     """
+    model = fitted.model
     numbers = dict(zip(_SAMPLED, map(np.arange, draws.log_likelihood.shape[:2]), strict=True))
     parameters = {name: ((*_SAMPLED, *model.dims[name]), values) for name, values in draws.parameters.items()}
     known = numbers | tap_coords(model, model.usable(taps))
-    return {
+    groups = {
         "posterior": _renamed(xr.Dataset(parameters, model.grid.coords() | numbers)),
         "log_likelihood": xr.Dataset({TAPS: ((*_SAMPLED, "tap"), draws.log_likelihood)}, known),
     }
+    return {name: group.assign_attrs(_attributes(model, fitted.posterior)) for name, group in groups.items()}
 
 
 def tap_coords(model: TapModel, taps: TapSet) -> dict[str, Any]:
@@ -177,55 +180,24 @@ class _Drawn(NamedTuple):
     predicted: NDArray[np.float32]
 
 
-class _Chains(NamedTuple):
-    """Draws of a posterior in their order.
+def _each(model: TapModel, chosen: Chosen, follow: Callable[[int, Parameters], _Drawn]) -> Iterator[_Drawn]:
+    """What follows from each draw, in order."""
+    tasks = (partial(lambda n: follow(n, chosen.at(n)), n) for n in range(prod(chosen.shape)))
+    with one_blas_thread():
+        yield from in_order(tasks, threads_of(model))
 
-    Attributes:
-        model: The model.
-        shape: Numbers of chains and of draws of each.
-        at: From the number of a draw to parameters.
-        markov: Whether they are Markov chains.
-    """
 
-    model: TapModel
-    shape: tuple[int, int]
-    at: Callable[[int], Parameters]
-    markov: bool
-
-    @classmethod
-    def of(cls, model: TapModel, draws: int, seed: int) -> "_Chains":
-        """Independent draws, or those of Markov chains, evenly thinned to as many at most."""
-        posterior: Any = model.posterior
-        sizes = getattr(posterior, "sizes", None)
-        if sizes is None:
-            at = lambda number: posterior.draw(generator(seed, Purpose.PARAMETERS, number))  # noqa: E731
-            return cls(model, (1, draws), at, markov=False)
-        chains, length = sizes
-        kept = np.linspace(0, length - 1, max(1, min(length, draws // chains))).astype(np.intp)
-
-        def chained(number: int) -> Parameters:
-            chain, draw = divmod(number, len(kept))
-            return posterior.at(chain, kept[draw], generator(seed, Purpose.PARAMETERS, number))
-
-        return cls(model, (chains, len(kept)), chained, markov=True)
-
-    def each(self, follow: Callable[[int, Parameters], _Drawn]) -> Any:
-        """What follows from each draw, in order."""
-        tasks = (partial(lambda n: follow(n, self.at(n)), n) for n in range(self.shape[0] * self.shape[1]))
-        with one_blas_thread():
-            yield from in_order(tasks, threads_of(self.model))
-
-    def joined(self, parts: Sequence[xr.Dataset]) -> xr.Dataset:
-        """Datasets of all draws in one, with chain and draw in front."""
-        first, numbers = parts[0], dict(zip(_SAMPLED, map(np.arange, self.shape), strict=True))
-        values = {
-            name: (
-                (*_SAMPLED, *first[name].dims),
-                np.stack([part[name].values for part in parts]).reshape(*self.shape, *first[name].shape),
-            )
-            for name in first.data_vars
-        }
-        return xr.Dataset(values, {**first.coords, **numbers})
+def _joined(parts: Sequence[xr.Dataset], shape: tuple[int, int]) -> xr.Dataset:
+    """Datasets of all draws in one, with chain and draw in front."""
+    first, numbers = parts[0], dict(zip(_SAMPLED, map(np.arange, shape), strict=True))
+    values = {
+        name: (
+            (*_SAMPLED, *first[name].dims),
+            np.stack([part[name].values for part in parts]).reshape(*shape, *first[name].shape),
+        )
+        for name in first.data_vars
+    }
+    return xr.Dataset(values, {**first.coords, **numbers})
 
 
 class _Predicted(NamedTuple):
@@ -340,9 +312,9 @@ def _masked(model: TapModel, densities: ByClass) -> xr.Dataset:
     return xr.Dataset({n: v.where(trained, 0.0) if {"where", "what"} <= set(v.dims) else v for n, v in values.items()})
 
 
-def _attributes(model: TapModel, chains: _Chains) -> dict[str, str]:
+def _attributes(model: TapModel, posterior: Any) -> dict[str, str]:
     """Attributes that ArviZ gives every group."""
-    library = "numpyro" if chains.markov or by_numpyro(model) else "solidtouch"
+    library = "numpyro" if getattr(posterior, "sizes", None) or by_numpyro(model) else "solidtouch"
     return {
         "created_at": datetime.now(UTC).isoformat(),
         "creation_library": "solidtouch",

@@ -6,7 +6,8 @@ else. Every draw has random numbers of its own, so it does not matter which of t
 
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import NamedTuple
+from math import prod
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +39,40 @@ class Draws(NamedTuple):
     log_likelihood: NDArray[np.float32]
 
 
+class Chosen(NamedTuple):
+    """Draws of a posterior in their order.
+
+    Attributes:
+        shape: Numbers of chains and of draws of each.
+        at: From the number of a draw to parameters.
+    """
+
+    shape: tuple[int, int]
+    at: Callable[[int], Parameters]
+
+    @classmethod
+    def of(cls, posterior: Any, chains: int, draws: int, seed: int) -> "Chosen":
+        """Independent draws, sorted into chains, or those of Markov chains, evenly thinned to as many at most.
+
+        Args:
+            posterior: The posterior.
+            chains: How many chains to sort independent draws into.
+            draws: How many in all.
+            seed: Random seed of the draws.
+        """
+        sizes = getattr(posterior, "sizes", None)
+        if sizes is None:
+            at = lambda number: posterior.draw(generator(seed, Purpose.PARAMETERS, number))  # noqa: E731
+            return cls((chains, draws // chains), at)
+        kept = np.linspace(0, sizes[1] - 1, max(1, min(sizes[1], draws // sizes[0]))).astype(np.intp)
+
+        def chained(number: int) -> Parameters:
+            chain, draw = divmod(number, len(kept))
+            return posterior.at(chain, kept[draw], generator(seed, Purpose.PARAMETERS, number))
+
+        return cls((sizes[0], len(kept)), chained)
+
+
 def posterior_draws(
     fitted: Fitted,
     taps: TapSet,
@@ -53,8 +88,8 @@ def posterior_draws(
     Args:
         fitted: The model and its posterior.
         taps: Training taps; those outside its classes are left out.
-        chains: How many chains to sort the draws into; all draws are independent.
-        draws: Number of draws per chain.
+        chains: How many chains to sort independent draws into; Markov chains stay as they are.
+        draws: Number of draws per chain, of Markov chains at most.
         seed: Random seed of the draws.
         progress: Called with the number of draws since the last call.
 
@@ -68,14 +103,14 @@ def posterior_draws(
         )
     if min(chains, draws) < 1:
         raise InputError(f"draws and chains must be at least 1, got {draws} and {chains}.")
-    used = model.usable(taps)
+    used, chosen = model.usable(taps), Chosen.of(fitted.posterior, chains, chains * draws, seed)
     kept: dict[str, NDArray[np.float32]] = {}
-    log_likelihood = np.empty((chains, draws, len(used)), dtype=np.float32)
-    for number, (parameters, values) in enumerate(drawn(fitted, used, chains * draws, seed)):
-        place = divmod(number, draws)
+    log_likelihood = np.empty((*chosen.shape, len(used)), dtype=np.float32)
+    for number, (parameters, values) in enumerate(drawn(fitted, used, prod(chosen.shape), seed, chosen.at)):
+        place = divmod(number, chosen.shape[1])
         for name in model.dims:
             if name not in kept:
-                kept[name] = np.empty((chains, draws, *parameters[name].shape), dtype=np.float32)
+                kept[name] = np.empty((*chosen.shape, *parameters[name].shape), dtype=np.float32)
             kept[name][place] = parameters[name]
         log_likelihood[place] = values
         if progress is not None:
@@ -83,7 +118,9 @@ def posterior_draws(
     return Draws(kept, log_likelihood)
 
 
-def drawn(fitted: Fitted, taps: TapSet, draws: int, seed: int) -> Iterator[tuple[Parameters, NDArray[np.float64]]]:
+def drawn(
+    fitted: Fitted, taps: TapSet, draws: int, seed: int, at: Callable[[int], Parameters] | None = None
+) -> Iterator[tuple[Parameters, NDArray[np.float64]]]:
     """Draws of the parameters, each with the log probability of every tap under its own class, shape (N,).
 
     Args:
@@ -91,6 +128,7 @@ def drawn(fitted: Fitted, taps: TapSet, draws: int, seed: int) -> Iterator[tuple
         taps: Taps of trained classes.
         draws: How many.
         seed: Random seed of the draws.
+        at: From the number of a draw to parameters; default any draw from the posterior.
     """
     model, posterior = fitted.model, fitted.posterior
     if posterior is None:
@@ -98,7 +136,7 @@ def drawn(fitted: Fitted, taps: TapSet, draws: int, seed: int) -> Iterator[tuple
     own = OwnTaps(taps.taps, taps.indices(model.grid), model.edges, model.states)
 
     def draw(number: int) -> tuple[Parameters, NDArray[np.float64]]:
-        parameters = posterior.draw(generator(seed, Purpose.PARAMETERS, number))
+        parameters = posterior.draw(generator(seed, Purpose.PARAMETERS, number)) if at is None else at(number)
         return parameters, own.log_probability(model.form_of(parameters))
 
     with one_blas_thread():

@@ -193,7 +193,7 @@ def test_arviz_opens_files_with_draws(fitted, taps, tmp_path, name):
     import arviz as az  # where it comes before NumPyro, it leaves a lazy one behind that lacks submodules
 
     draws = posterior_draws(fitted[name], taps, 4, 10, 0)
-    model, groups = fitted[name].model, draw_groups(fitted[name].model, taps, draws)
+    model, groups = fitted[name].model, draw_groups(fitted[name], taps, draws)
     save_model(model, tmp_path / "model.nc", groups=groups, convergence=fitted[name].convergence)
     tree = opened(tmp_path / "model.nc")
     parameter = next(iter(model.dims))
@@ -204,6 +204,7 @@ def test_arviz_opens_files_with_draws(fitted, taps, tmp_path, name):
     assert tree["log_likelihood"]["taps"].sizes == {"chain": 4, "draw": 10, "tap": len(taps)}
     assert tree["posterior"]["what"].values.tolist() == list(model.grid.what_name)
     np.testing.assert_array_equal(tree["log_likelihood"]["session"], taps.session)
+    assert tree["posterior"].attrs["inference_library"] == "solidtouch"
     np.testing.assert_array_equal(tree["log_likelihood"]["taps"], draws.log_likelihood)
     assert tree.attrs["converged"] == "True"
 
@@ -226,7 +227,7 @@ def test_loading_leaves_draws_on_disk(fitted, taps, tmp_path):
         {name: np.zeros((1, 1, *values.shape), np.float32) for name, values in model.parameters.items()},
         np.zeros((1, 1, len(taps)), np.float32),
     )
-    save_model(model, tmp_path / "model.nc", groups=draw_groups(model, taps, small))
+    save_model(model, tmp_path / "model.nc", groups=draw_groups(fitted["profile"], taps, small))
     with h5py.File(tmp_path / "model.nc", "r+") as file:
         for group in ("posterior", "log_likelihood"):
             file[group].create_dataset("vast", shape=(1 << 24, 1 << 24), dtype="f8", chunks=(1, 1 << 16))
@@ -393,7 +394,7 @@ def test_every_half_of_a_file_is_refused(fitted, taps, tmp_path):
     """Wherever the end is cut off, also within the draws."""
     path = tmp_path / "model.nc"
     model, draws = fitted["gaussian"].model, posterior_draws(fitted["gaussian"], taps, 1, 3, 0)
-    save_model(model, path, groups=draw_groups(model, taps, draws))
+    save_model(model, path, groups=draw_groups(fitted["gaussian"], taps, draws))
     whole = path.read_bytes()
     for part in range(1, 10):
         path.write_bytes(whole[: len(whole) * part // 10])

@@ -9,6 +9,7 @@ from solidtouch.inference.filter import log_fold
 from solidtouch.models.errors import InputError
 from solidtouch.models.measurement import registry
 from solidtouch.models.measurement.draws import posterior_draws
+from solidtouch.models.measurement.fits.posterior import SamplePosterior
 from solidtouch.models.measurement.likelihood.bins import TableForm
 from solidtouch.models.measurement.model import in_states
 from solidtouch.models.measurement.registry import fit_model
@@ -87,6 +88,19 @@ def test_draws_gather_around_the_parameters_that_decide(fitted, taps, name):
     error = draws.std(axis=0, ddof=1) / np.sqrt(240)
 
     assert (np.abs(draws.mean(axis=0) - fitted[name].model.parameters["level"].ravel()) < 5 * error).all()
+
+
+@pytest.mark.parametrize(("draws", "kept"), [(4, [0, 3, 6, 10]), (30, range(11))])
+def test_markov_chains_stay_chains(fitted, taps, draws, kept):
+    """Evenly thinned, or all of them; what is said of their mixing would else be of independent draws."""
+    model = fitted["gaussian"].model
+    spread = np.exp(0.03 * np.random.default_rng(0).normal(size=(5, 11)))
+    known = {name: np.multiply.outer(spread, values) for name, values in model.parameters.items()}
+    chains = fitted["gaussian"]._replace(posterior=SamplePosterior(known, {}))
+    found = posterior_draws(chains, taps, CHAINS, draws * 5 // CHAINS, 0)
+
+    np.testing.assert_allclose(found.parameters["level"], known["level"][:, kept], rtol=1e-6)
+    assert found.log_likelihood.shape == (5, len(kept), len(taps))
 
 
 def test_taps_of_no_trained_class_are_left_out(fitted, taps, make_taps):
