@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+import numpyro
 from numpy.typing import NDArray
 from numpyro.handlers import block, seed, substitute, trace
 from numpyro.infer.util import log_density
@@ -62,8 +63,13 @@ class Given(NamedTuple):
 
 def _run(program: Program, given: Given, batch: StoryCall, taps: Any, key: Any = 0) -> Any:
     """Handler of the model at given latent variables."""
+
+    def story() -> Any:
+        with numpyro.validation_enabled(False):  # of constants alone, each compiled for itself
+            return program.story(batch, taps, **given.arguments)
+
     known: Any = given.latents
-    return seed(substitute(lambda: program.story(batch, taps, **given.arguments), data=known), key)
+    return seed(substitute(story, data=known), key)
 
 
 def _log_probability(program: Program, given: Given, taps: Binned, where: Any, what: Any) -> jax.Array:
