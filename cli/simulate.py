@@ -29,7 +29,14 @@ def simulate(
         int, Option(min=0, help="Number of the data set, as in reproduce; its sessions share the sensor.")
     ] = 0,
     force: Annotated[bool, Option("--force", help="Overwrite existing files.")] = False,
-    model: Annotated[Path | None, Option(help="With --preset model: fitted model to draw taps from.")] = None,
+    model: Annotated[
+        Path | None,
+        Option(
+            metavar="FILE",
+            help="With --preset model: fitted model to draw taps from, or FILE.py:FUNCTION, from whose prior come taps "
+            "like those of preset paper.",
+        ),
+    ] = None,
     story: Story = None,
     samples: Annotated[
         int | None, Option(help="With --preset model: samples per tap; default: as in the model.")
@@ -69,13 +76,21 @@ def _from_model(
     path: Path | None, story: str | None, samples: int | None, taps_per_class: int | None, seed: int
 ) -> Callable[[int], "TapSet"]:
     with loading():
-        from ..hardware.simulator.model_rig import draw_session
+        from ..hardware.simulator.model_rig import draw_from_prior, draw_session
+        from ..hardware.simulator.session import simulate_session
+        from ..hardware.simulator.settings import preset
         from ..models.io.model_file import load_model
+        from ..models.measurement.generic import source
 
     if path is None:
         raise InputError("--preset model requires --model, the file of a fitted model.")
-    model = load_model(path, story)
     n = 20 if taps_per_class is None else taps_per_class
+    if source.has_name(str(path)):
+        like = simulate_session(preset("paper"), seed, 0)
+        if samples is not None:
+            raise InputError("--samples is for fitted models; taps from a prior are like those of preset paper.")
+        return lambda session: draw_from_prior(str(path), like, n, seed, session)
+    model = load_model(path, story)
     return lambda session: draw_session(model, n, seed, session, samples)
 
 

@@ -5,8 +5,9 @@ its root); other models draw as they define. The class is given by the position 
 levels and guarantees of perception can be checked on such data only.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,6 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from ...models import seeds
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
+from ...models.measurement.generic.source import function_of
+from ...models.measurement.generic.story import at_prior, batch_of
 from ...models.measurement.histogram import HistogramModel
 from ...models.measurement.model import TapModel
 from ...models.preprocessing import Preprocessing
@@ -206,6 +209,35 @@ def draw_session(
     taps = model.form.sample(where, state * model.grid.M + what, model.edges, record.samples, generator)
     told = f"drawn from a fitted {model.name} model, seed {seed}, session {session}{_state(model, state)}"
     return _session(model.grid, classes, taps, record, session, "fitted model (no real sensor)", told)
+
+
+def draw_from_prior(
+    story: Callable[..., Any] | str, like: TapSet, taps_per_class: int, seed: int, session: int = 0
+) -> TapSet:
+    """A session of taps drawn from the prior of a generative model.
+
+    Args:
+        story: A NumPyro function that keeps the contract of docs/how-to/your-own-model.md, or its name.
+        like: Taps of the same classes, samples and taxels.
+        taps_per_class: Number of taps of each class.
+        seed: Seed of the data set, whose sessions share all latent variables but those of sessions.
+        session: Number of the session.
+
+    Returns:
+        Taps in the units in which the model describes samples.
+
+    Raises:
+        InputError: The function does not keep the contract or fails, or no tap is requested.
+    """
+    grid, record, function = like.grid(), like.preprocessing, function_of(story)
+    generator = seeds.generator(seed, seeds.Purpose.MODEL, session)
+    shared = seeds.generator(seed, seeds.Purpose.PRIOR, 0)
+    form = at_prior(function, batch_of(grid, record, like.dataset.sizes["taxel"]), shared, generator)
+    classes = _classes(grid, taps_per_class, None)
+    where, what = np.repeat(classes, taps_per_class, axis=0).T
+    taps = form.sample(where, what, np.empty(0), record.samples, generator)
+    told = f"drawn from the prior of {function.name}, seed {seed}, session {session}"
+    return _session(grid, classes, taps, record, session, "generative model (no real sensor)", told)
 
 
 def _state(model: TapModel, number: int) -> str:

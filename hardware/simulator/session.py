@@ -1,5 +1,8 @@
 """Simulated sessions of the paper's experiment (sec. 2.3): every object tapped along the whole range."""
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -12,7 +15,7 @@ from .settings import RigSettings, settings_of
 from .signal_chain import SignalChain, session_nuisances
 
 
-def simulate(rig: str | RigSettings, sessions: int = 1, seed: int = 0) -> list[TapSet]:
+def simulate(rig: str | RigSettings | Callable[..., Any], sessions: int = 1, seed: int = 0) -> list[TapSet]:
     """Sessions of one data set, numbered from 0; they share the sensor but differ in gains and mounting.
 
     >>> first, second = simulate("paper", sessions=2, seed=4)
@@ -20,7 +23,8 @@ def simulate(rig: str | RigSettings, sessions: int = 1, seed: int = 0) -> list[T
     ((1600, 50, 12), ['4 mm rod', '6 mm rod'], 'mm')
 
     Args:
-        rig: Settings of the rig, or the name of a preset.
+        rig: Settings of the rig, or the name of a preset; or a NumPyro function, see docs/how-to/your-own-model.md,
+            from whose prior come 20 taps of each class of the preset `paper`.
         sessions: Number of sessions.
         seed: Seed of the data set.
 
@@ -28,6 +32,11 @@ def simulate(rig: str | RigSettings, sessions: int = 1, seed: int = 0) -> list[T
         InputError: The preset is unknown, or no session is requested.
     """
     check_count(sessions, "sessions")
+    if callable(rig):
+        from .model_rig import draw_from_prior  # noqa: PLC0415 - loads what a simulated rig does without
+
+        like = simulate_session(settings_of("paper"), seed, 0)
+        return [draw_from_prior(rig, like, 20, seed, session) for session in range(sessions)]
     settings = settings_of(rig)
     return [simulate_session(settings, seed, session) for session in range(sessions)]
 

@@ -126,7 +126,7 @@ def _bin_table(program: Program, given: Given, bins: Binned) -> jax.Array:
 def drawn(program: Program, given: Given, J: int, where: Any, what: Any, key: Any) -> jax.Array:
     """Samples (N, J, K) of taps of known class."""
     L, M, _, K = program.batch.shape
-    session = jnp.broadcast_to(_new_session(program, given), where.shape)
+    session = np.broadcast_to(_new_session(program, given), where.shape)
     batch = replace(program.of(where, what, session), shape=(L, M, J, K))
     value = trace(_run(program, given, batch, None, key)).get_trace()[OBSERVED]["value"]
     return jnp.swapaxes(value, 1, 2) if program.structure.swapped else value

@@ -166,19 +166,9 @@ class GenericModel(ModelOfParameters):
 
     def prior(self, posterior: Any) -> "Prior":  # noqa: ARG002 - as all models
         """Prior of its latent variables."""
-        from ..fits.prior import StoryPrior
-
-        structure = self.program.structure
-        sessions = [np.shape(self.parameters[name])[axis] for name, axis in structure.by_session.items()]
-        which = np.arange(sessions[0] + 1 if sessions else 1)
-        taps = self.program.of(0 * which, 0 * which, which)
-        return StoryPrior(
-            lambda: self.program.story(taps),
-            ("taps", *structure.enumerated),
-            lambda drawn: drawn,
-            lambda sites: sites,
-            structure.by_session,
-        )
+        axes = self.program.structure.by_session
+        sessions = [np.shape(self.parameters[name])[axis] for name, axis in axes.items()]
+        return _prior(self.program, sessions[0] if sessions else 0)
 
     def groups(self) -> dict[str, xr.Dataset]:
         """Groups of the file, with a table where there is one, and the digest of the code."""
@@ -191,3 +181,44 @@ class GenericModel(ModelOfParameters):
             "/": groups["/"].assign_attrs(measure=self.measure, digest=source.digest(self.story.function)),
             "constant_data": groups["constant_data"].assign(table),
         }
+
+
+def at_prior(
+    story: StoryFunction, batch: StoryCall, shared: np.random.Generator, own: np.random.Generator
+) -> "GenericForm":
+    """A generative model at a draw from its prior, in the units in which it describes samples.
+
+    Args:
+        story: The model.
+        batch: Taps of the kind that it is for; how many does not matter.
+        shared: Draws all latent variables.
+        own: Draws those of the session anew.
+
+    Raises:
+        InputError: The function does not keep the contract or fails.
+    """
+    from .form import GenericForm, Given, Program
+    from .sessions import with_new_session
+    from .structure import structure_of
+
+    program, K = Program(story, structure_of(story, batch), batch), batch.shape[3]
+    latents = dict(_prior(program, 0).draw(shared))
+    if program.structure.by_session:
+        latents = with_new_session(program, latents, own)
+    return GenericForm(program, Given(latents), Scaling(np.zeros(K), np.ones(K)))
+
+
+def _prior(program: "Program", sessions: int) -> "Prior":
+    """Prior of the latent variables, with a new session after these."""
+    from ..fits.prior import StoryPrior
+
+    structure = program.structure
+    which = np.arange(sessions + 1 if structure.by_session else 1)
+    taps = program.of(0 * which, 0 * which, which)
+    return StoryPrior(
+        lambda: program.story(taps),
+        ("taps", *structure.enumerated),
+        lambda drawn: drawn,
+        lambda sites: sites,
+        structure.by_session,
+    )

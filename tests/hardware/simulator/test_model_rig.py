@@ -1,12 +1,15 @@
 """Taps drawn from fitted models."""
 
 import numpy as np
+import numpyro
+import numpyro.distributions as dist
 import pytest
-from solidtouch.hardware.simulator.model_rig import ModelRig, bin_tables, draw_session, draw_taps
+from solidtouch.hardware.simulator.model_rig import ModelRig, bin_tables, draw_from_prior, draw_session, draw_taps
 from solidtouch.models.errors import InputError
 from solidtouch.models.measurement.registry import fit_model
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.settings import FitSettings
+from solidtouch.models.taps import TapSet
 
 L, M, K, B, J = 5, 2, 3, 7, 4
 RECORD = Preprocessing(samples=J, rate_hz=50.0)
@@ -191,3 +194,39 @@ def test_nothing_to_draw_is_refused(grid, tables, n, trained, message):
     """At least one tap of one class must come out."""
     with pytest.raises(InputError, match=message):
         draw_taps(grid, tables, EDGES, RECORD, n, seed=0, trained=np.full((L, M), trained))
+
+
+def test_taps_from_a_prior_share_latent_variables_but_those_of_sessions():
+    """Levels of two sessions agree, and differ from those of another seed; shifts of a session are its own."""
+    like = TapSet.from_arrays(
+        np.zeros((L * M, J, K)),
+        np.tile(np.arange(M), L),
+        ["a", "b"],
+        where=np.repeat(np.arange(float(L)), M),
+        preprocessing=RECORD,
+    )
+
+    def means(story, seed, session):
+        """Of classes and taxels; taps stand in the order of the classes."""
+        taps = draw_from_prior(story, like, 30, seed, session)
+        return taps.taps.mean(axis=1).reshape(*taps.grid().shape, 30, -1).mean(axis=2)
+
+    one, two, other = (means(sharp, *pair) for pair in ((0, 0), (0, 1), (1, 0)))
+    np.testing.assert_allclose(one, two, atol=0.07)
+    assert np.abs(one - other).mean() > 0.5
+    shift = means(sharp_shifted, 0, 1) - means(sharp_shifted, 0, 0)
+    assert np.abs(shift).mean() > 0.2
+    assert shift.std(axis=(0, 1)).max() < 0.05
+
+
+def sharp(where, what, taps=None, *, L, M, J, K, shift=0.0):
+    with numpyro.plate("L", L, dim=-3), numpyro.plate("M", M, dim=-2), numpyro.plate("K", K, dim=-1):
+        loc = numpyro.sample("loc", dist.Normal(0.0, 1.0))
+    with numpyro.plate("tap", len(where), dim=-3), numpyro.plate("J", J, dim=-2), numpyro.plate("taxel", K, dim=-1):
+        numpyro.sample("taps", dist.Normal((loc[where, what] + shift)[:, None], 0.1), obs=taps)
+
+
+def sharp_shifted(where, what, taps=None, *, L, M, J, K, session):
+    with numpyro.plate("S", int(session.max()) + 1, dim=-2), numpyro.plate("K", K, dim=-1):
+        shift = numpyro.sample("shift", dist.Normal(0.0, 1.0))
+    sharp(where, what, taps, L=L, M=M, J=J, K=K, shift=shift[session])
