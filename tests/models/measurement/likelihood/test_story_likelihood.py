@@ -8,11 +8,12 @@ import mpmath
 import numpy as np
 import numpyro.distributions as dist
 import pytest
-from scipy.stats import norm
+from scipy.stats import norm, uniform
 from solidtouch.models.measurement.generic.observed import Binned, InBin
 from solidtouch.models.measurement.likelihood import shapes
 from solidtouch.models.measurement.likelihood.story_likelihood import in_state, log_likelihoods
 from solidtouch.models.measurement.registry import fit_model, measurement_model
+from solidtouch.models.measurement.scaling import least_deviation
 from solidtouch.models.measurement.shared_gain import state_grid
 from solidtouch.models.measurement.story import ParametricModel
 from solidtouch.models.settings import FitSettings
@@ -141,6 +142,14 @@ def test_an_error_in_the_units_is_found(fitted, monkeypatch, kind):
     monkeypatch.setattr(ParametricModel, "frame", frame)
 
     assert gap(model, taps) > TOLERANCE
+
+
+def test_the_least_deviation_is_that_of_a_uniform_draw_from_a_bin():
+    """Both likelihoods take it from here."""
+    edges = np.array([0.0, 1.0, 2.0]) * np.array([[1.0], [3.0]])
+
+    np.testing.assert_allclose(least_deviation(edges, 2), [uniform(0, 1).std(), uniform(0, 3).std()])
+    np.testing.assert_allclose(least_deviation(edges[0], 2), uniform(0, 1).std())
 
 
 def test_an_error_in_the_least_deviation_is_found(fitted, monkeypatch):
