@@ -22,6 +22,8 @@ AT_ONCE = 64  # taps of a Gaussian form that one thread takes at a time
 _ROOM = 1 << 22  # bins and log probabilities of independent samples held at a time
 _FEW = 1 << 13  # samples whose log probabilities under one class take no longer than to start a thread
 
+type BinGaps = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
+
 
 class GaussianForm(NamedTuple):
     """Mixture of Q Gaussians over all samples of a tap, with Cholesky factors in time and across taxels.
@@ -156,14 +158,14 @@ class PreparedGaussian(NamedTuple):
             parts = (self._looked_up(taps[start : start + blocks.step], edges) for start in blocks)
         else:
             blocks = range(0, len(taps), AT_ONCE)
-            tasks = (partial(self._part, taps[start : start + AT_ONCE], edges) for start in blocks)
+            gaps = (bin_gaps(taps[start : start + AT_ONCE], edges) for start in blocks)
+            tasks = (partial(self.of_gaps, some) for some in gaps)
             parts = in_order(tasks, cores(None) if len(taps) > AT_ONCE else 1)
         for start, part in zip(blocks, parts, strict=True):
-            log_likelihood = exponent * part.reshape(-1, L, H)
-            out[start : start + len(part)] = np.where(self.impossible, -np.inf, log_likelihood)
+            out[start : start + len(part)] = exponent * part
 
     def _looked_up(self, taps: NDArray[np.floating], edges: NDArray[np.float64]) -> NDArray[np.float64]:
-        """As `_part` for independent samples, with the log probabilities of all bins computed once."""
+        """As `of_gaps` for independent samples, with the log probabilities of all bins computed once."""
         from .innovations import independent_log_probability
 
         bins = known_bins(taps, edges).transpose(1, 2, 0).astype(np.uint32, order="C")
@@ -171,23 +173,21 @@ class PreparedGaussian(NamedTuple):
         given = bins, *_open_edges(edges, taps.shape[-1]), self.mean, self.scale, self.log_weight, part
         tasks = (partial(independent_log_probability, c, *given) for c in range(len(part)))
         list(in_order(tasks, cores(None) if taps.size > _FEW else 1))
-        return part.T
+        return np.where(self.impossible, -np.inf, part.T.reshape(-1, *self.impossible.shape))
 
-    def _part(self, taps: NDArray[np.floating], edges: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Log probability of the bins of taps (n, J, K), shape (n, C)."""
+    def of_gaps(self, gaps: BinGaps) -> NDArray[np.float64]:
+        """Log probability of the bins of taps, see `bin_gaps`, shape (n, L, H)."""
         from .innovations import class_log_probability
 
-        part = np.empty((len(taps), self.mean.shape[1]))
-        class_log_probability(*bin_gaps(taps, edges), *self[:-1], part)
-        return part
+        part = np.empty((len(gaps[0]), self.mean.shape[1]))
+        class_log_probability(*gaps, *self[:-1], part)
+        return np.where(self.impossible, -np.inf, part.reshape(-1, *self.impossible.shape))
 
 
 type Form = TableForm | GaussianForm
 
 
-def bin_gaps(
-    taps: NDArray[np.floating], edges: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+def bin_gaps(taps: NDArray[np.floating], edges: NDArray[np.float64]) -> BinGaps:
     """Samples in double precision, and distances to the edges of their bins; end bins extend to infinity.
 
     Args:

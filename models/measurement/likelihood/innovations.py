@@ -46,7 +46,9 @@ def exponential(x):
 def scaled_tail(z):
     """Upper tail probability of a standard normal over exp(-z^2 / 2), for z of at least 0."""
     x = z * _ROOT_HALF
-    return 0.5 * _tail((x - _PIVOT) / (x + _PIVOT)) / (1 + 2 * x)
+    beyond, growth = x + _PIVOT, 1 + 2 * x
+    quotient = 1 / (beyond * growth)  # one division instead of two
+    return 0.5 * _tail((x - _PIVOT) * growth * quotient) * beyond * quotient
 
 
 @compiled
@@ -149,9 +151,9 @@ def tap_log_probability(whitened, below, above, mean, taxel, scale, room):
                 for i in range(k):
                     innovation[j + k] += taxel[k, i] * innovation[j + i]
     for i in range(n):
-        a[i] = (down[i] + innovation[i]) / spread[i]
-    for i in range(n):
-        b[i] = (up[i] + innovation[i]) / spread[i]
+        per_spread = 1 / spread[i]
+        a[i] = (down[i] + innovation[i]) * per_spread
+        b[i] = (up[i] + innovation[i]) * per_spread
     return total_log_probability(a, b, room[3], room[4])
 
 

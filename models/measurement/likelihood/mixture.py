@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ...threads import cores, in_order
 from .any_form import Form, Prepared
-from .forms import AT_ONCE
+from .forms import AT_ONCE, PreparedGaussian, bin_gaps
 
 
 class MixtureForm(NamedTuple):
@@ -91,17 +91,18 @@ class PreparedMixture(NamedTuple):
         """Writes `exponent` times the log probability of the bins of taps (N, J, K) to `out`, shape (N, L, H)."""
         few = len(taps) <= AT_ONCE  # of which a part makes no threads of its own
         workers = min(cores(None), len(self.parts)) if few else 1
-        tasks = (partial(_log_sum, self.parts[i::workers], taps, edges, out.shape) for i in range(workers))
+        gaps = bin_gaps(taps, edges) if few and isinstance(self.parts[0], PreparedGaussian) else None
+
+        def summed(parts: Sequence[Prepared]) -> NDArray[np.float64]:
+            total, one = np.full(out.shape, -np.inf), np.empty(out.shape)
+            for part in parts:
+                if gaps is not None and isinstance(part, PreparedGaussian):
+                    one[...] = part.of_gaps(gaps)
+                else:
+                    part.log_likelihood(taps, edges, 1.0, one)
+                np.logaddexp(total, one, out=total)
+            return total
+
+        tasks = (partial(summed, self.parts[i::workers]) for i in range(workers))
         total = np.logaddexp.reduce(list(in_order(tasks, workers)), axis=0)
         out[...] = exponent * (total - np.log(len(self.parts)))
-
-
-def _log_sum(
-    parts: Sequence[Prepared], taps: NDArray[np.floating], edges: NDArray[np.float64], shape: tuple[int, ...]
-) -> NDArray[np.float64]:
-    """Log of the summed probabilities of the bins of taps (N, J, K), shape (N, L, H)."""
-    total, one = np.full(shape, -np.inf), np.empty(shape)
-    for part in parts:
-        part.log_likelihood(taps, edges, 1.0, one)
-        np.logaddexp(total, one, out=total)
-    return total
