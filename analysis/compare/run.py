@@ -22,7 +22,7 @@ from ..stats.checks import REPLICATES, predictive_checks
 from ..stats.decisions import at_equal_taps, decision_curves, planned, play_models
 from .classes import class_scores
 from .groups import UNITS, GroupFold, folds_of, known_taps, said, scorer
-from .taps import TapScores, join_scores, leave_one_tap_out, mean_scores, relative_elpd, stacked
+from .taps import LOG_PROBABILITY, TapScores, join_scores, leave_one_tap_out, mean_scores, relative_elpd, stacked
 
 _FEWEST_DRAWS = 100
 
@@ -253,7 +253,7 @@ def _leave_out_groups(
     }
     labels = _labels(unit, grid)
     means = [
-        mean_scores(named, next(iter(named)), kind, settings.seed, *labels.get(kind, ()))
+        mean_scores(named, next(iter(named)), kind, settings.seed, *labels.get(kind, LOG_PROBABILITY))
         for kind, named in whole.items()
         if named
     ]

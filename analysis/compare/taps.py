@@ -23,6 +23,8 @@ from ..stats.pairing import RESAMPLES, with_intervals
 
 GOOD_K = 0.7
 """Pareto k above which importance sampling of a tap is not to be trusted, however many draws; less with few."""
+LOG_PROBABILITY = ("mean log probability of a tap's bins", "nat per tap", -np.inf)
+"""Name, unit and least value of the usual score of a tap."""
 SAMPLE = 100
 """Taps by which importance sampling is judged; the others are looked at only where it works for all of these."""
 
@@ -161,9 +163,9 @@ def mean_scores(
     reference: str,
     name: str,
     seed: int,
-    long_name: str = "mean log probability of a tap's bins",
-    units: str = "nat per tap",
-    least: float = -np.inf,
+    long_name: str = LOG_PROBABILITY[0],
+    units: str = LOG_PROBABILITY[1],
+    least: float = LOG_PROBABILITY[2],
 ) -> xr.Dataset:
     """Mean score per tap of every model, and of its difference to a reference, with intervals.
 
