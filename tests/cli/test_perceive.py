@@ -5,15 +5,15 @@ import os
 import pty
 import re
 import signal
-import subprocess
 import sys
-import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
+from threading import Thread
 
 import numpy as np
 import pytest
 from solidtouch.hardware.errors import NoAnswer
+from solidtouch.hardware.simulator.rig import SimulatedRig
 from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.hardware.simulator.settings import preset
 from solidtouch.inference import episode
@@ -527,41 +527,48 @@ def test_a_device_that_fails_ends_with_exit_code_3(command, folder, monkeypatch,
     assert left == [True]
 
 
-def test_a_signal_ends_an_episode(folder):
+def test_a_signal_ends_an_episode(command, folder, monkeypatch):
     """With a sentence and the usual exit code, and lines already printed are whole."""
-    base = [sys.executable, "-m", "solidtouch.cli", "perceive", str(folder / "model.nc"), "--engine", "numpy", "--json"]
-    child = subprocess.Popen(
-        [*base, "--theta", "1", "--deadline", "1000000"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    )
-    first = child.stdout.readline()
-    child.send_signal(signal.SIGTERM)
-    out, err = child.communicate(timeout=30)
+    endless = ("--engine", "numpy", "--json", "--theta", 1, "--deadline", 1000000)
+    tap, taps = SimulatedRig.tap, []
 
-    assert json.loads(first)["tap"] == 1
-    assert child.returncode == 143
-    assert "Traceback" not in err
-    assert err.splitlines()[-1] == "solidtouch: interrupted; all files written are complete."
-    assert all(json.loads(line) for line in out.splitlines())
+    def interrupted(rig):
+        taps.append(tap(rig))
+        if len(taps) == 3:
+            signal.raise_signal(signal.SIGTERM)
+        return taps[-1]
+
+    monkeypatch.setattr(SimulatedRig, "tap", interrupted)
+    done = command("perceive", folder / "model.nc", *endless)
+
+    assert [record["tap"] for record in records(done.out)] == [1, 2]
+    assert done.code == 143
+    assert "Traceback" not in done.err
+    assert done.err.splitlines()[-1] == "solidtouch: interrupted; all files written are complete."
 
 
-def test_a_terminal_gets_pictures(folder):
+def test_a_terminal_gets_pictures(command, folder, monkeypatch):
     """Drawn anew with each tap; the cursor is given back."""
     controller, terminal = pty.openpty()
-    base = [sys.executable, "-m", "solidtouch.cli", "perceive", str(folder / "model.nc"), "--engine", "numpy"]
-    environment = os.environ | {"TERM": "xterm-256color", "COLUMNS": "100", "LINES": "30"}
-    child = subprocess.Popen(
-        [*base, "--theta", "1", "--deadline", "3"], stdout=terminal, stderr=subprocess.STDOUT, env=environment
-    )
-    os.close(terminal)
-    out, deadline = b"", time.monotonic() + 30
-    while time.monotonic() < deadline:
-        try:
-            out += os.read(controller, 65536)
-        except OSError:  # the other end is closed
-            break
-    os.close(controller)
+    for name, value in (("TERM", "xterm-256color"), ("COLUMNS", "100"), ("LINES", "30")):
+        monkeypatch.setenv(name, value)
+    parts = []
 
-    assert child.wait(timeout=30) == 0
+    def read():
+        with suppress(OSError):  # the other end is closed
+            while True:
+                parts.append(os.read(controller, 65536))
+
+    reader = Thread(target=read)
+    reader.start()
+    with os.fdopen(terminal, "w", encoding="utf-8") as screen:
+        monkeypatch.setattr(sys, "stdout", screen)
+        done = command("perceive", folder / "model.nc", "--engine", "numpy", "--theta", 1, "--deadline", 3)
+    reader.join(timeout=30)
+    os.close(controller)
+    out = b"".join(parts)
+
+    assert done.code == 0
     text = out.decode()
     assert [n in text for n in ("Tap 1:", "Tap 2:", "Tap 3:")] == [True] * 3
     assert text.count("▲ fixation point") >= 3

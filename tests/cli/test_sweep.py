@@ -46,8 +46,9 @@ def test_the_function_writes_what_the_command_does(command, make_study, tmp_path
     assert "pseudocount" in report._repr_html_()
 
 
+@pytest.mark.slow
 def test_a_script_needs_no_guard(make_study, tmp_path):
-    """Its processes do not run it again."""
+    """Its processes do not run it again, which a faster test of `analysis/sweep` sees, too."""
     script = tmp_path / "script.py"
     script.write_text(f"import solidtouch as st\nprint(st.sweep({str(make_study())!r}, workers=2).found.counts)\n")
     done = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False, timeout=60)

@@ -3,7 +3,8 @@
 import multiprocessing
 import os
 import signal
-from types import SimpleNamespace
+import sys
+from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
@@ -227,8 +228,15 @@ def test_a_folder_with_other_things_is_not_written_to(make_study, tmp_path):
         sweep(make_study(), tmp_path, in_this_process)
 
 
-def test_several_processes_give_the_same_bits_as_one(make_study, tmp_path):
-    """Although the oldest worker is killed, which works, and then the newest, which is not ready yet."""
+def test_several_processes_give_the_same_bits_as_one(make_study, tmp_path, monkeypatch):
+    """Although the oldest worker is killed, which works, and then the newest, which is not ready yet.
+
+    None of them runs the script that is running.
+    """
+    script, main = tmp_path / "script.py", ModuleType("__main__")
+    script.write_text(f"open({str(tmp_path / 'run again')!r}, 'w')\n", encoding="utf-8")
+    main.__file__ = str(script)
+    monkeypatch.setitem(sys.modules, "__main__", main)
     path = make_study(GRID, trials=200)
     sweep(path, tmp_path / "one.zarr", in_this_process)
     killed = {}
@@ -244,6 +252,7 @@ def test_several_processes_give_the_same_bits_as_one(make_study, tmp_path):
     assert set(killed) == {1, 3}
     assert tally == SweepProgress(DISTINCT, DISTINCT, 0)
     assert not multiprocessing.active_children()
+    assert not (tmp_path / "run again").exists()
     xr.testing.assert_identical(results(tmp_path / "two.zarr"), results(tmp_path / "one.zarr"))
 
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import xarray as xr
+from scipy.optimize import minimize
 from solidtouch.analysis.audit.variance import gains as module
 from solidtouch.analysis.audit.variance.gains import SEQUENCES, collapse, effective_taps, tap_gains, variance_components
 from solidtouch.hardware.simulator.session import simulate_session
@@ -110,8 +111,41 @@ def test_effective_taps_are_those_of_the_mean_of_correlated_values(rng):
     np.testing.assert_allclose(effective_taps([1, 5, 50], 1.0), 1)
 
 
-@pytest.fixture(scope="module")
-def sampled():
+class Approximation:
+    """In place of NumPyro's chains: draws of the normal distribution around the mode of the potential."""
+
+    def __init__(self, potential, num_samples, num_chains, **_):
+        self.potential, self.shape = potential, (num_chains, num_samples)
+
+    def run(self, _, init_params):
+        start = np.concatenate([values[0] for values in init_params.values()])
+
+        def energy(flat):
+            return float(self.potential(dict(zip(init_params, flat.reshape(len(init_params), -1), strict=True))))
+
+        mode = minimize(energy, start).x
+        steps = 0.05 * np.eye(len(mode))
+        curvature = [
+            [
+                sum(a * b * energy(mode + a * one + b * other) for a in (1, -1) for b in (1, -1)) / (4 * 0.05**2)
+                for other in steps
+            ]
+            for one in steps
+        ]
+        draws = np.random.default_rng(1).multivariate_normal(mode, np.linalg.inv(curvature), size=self.shape)
+        self.samples = dict(zip(init_params, np.split(draws, len(init_params), axis=-1), strict=True))
+
+    def get_samples(self, *, group_by_chain):
+        assert group_by_chain
+        return self.samples
+
+    def get_extra_fields(self, *, group_by_chain):
+        assert group_by_chain
+        return {"diverging": np.zeros(self.shape, bool)}
+
+
+@pytest.fixture(scope="module", params=["approximated", pytest.param("chains", marks=pytest.mark.slow)])
+def sampled(request):
     """Taps of 8 sessions with spreads of .08, .05 and .1 of the gain and .5 counts of the offset, and what is said."""
     taps, own, session, gain, _ = made(
         np.random.default_rng(6), R=8, C=9, n=6, session=0.08, mounting=0.05, tap=0.1, offset=0.5, noise=0.3
@@ -119,6 +153,9 @@ def sampled():
     with pytest.MonkeyPatch.context() as patch:  # half as many draws as usual, which are enough to converge
         patch.setattr(module, "WARM_UP", 150)
         patch.setattr(module, "DRAWS", 250)
+        if request.param == "approximated":
+            patch.setattr("numpyro.infer.NUTS", lambda potential_fn, **_: potential_fn)
+            patch.setattr("numpyro.infer.MCMC", Approximation)
         return variance_components(taps, own, session, seed=1), gain, session
 
 
