@@ -14,7 +14,7 @@ from ...models.grid import ClassGrid
 from ...models.io.load import TapSource, names_of
 from ...models.measurement.histogram import trim
 from ...models.measurement.model import TapModel
-from ...models.measurement.registry import NAMES, AnyModel, model_names, split_name
+from ...models.measurement.registry import NAMES, AnyModel, measurement_model, model_names, split_name
 from ...models.settings import Division, FitSettings, PlaySettings
 from ...models.splits import Split, load_experiment
 from ..experiment.data_warnings import fold_warnings
@@ -120,7 +120,7 @@ def compare(
     check_counts(0, draws=draws, seed=seed)
     names = model_names([models] if isinstance(models, str) or callable(models) else models)
     for name in names:
-        split_name(name)
+        measurement_model(split_name(name)[0])  # so that a typo is told before the study
     parts, grid = load_experiment(data, division)
     if len(parts.folds) != 1:
         raise InputError(

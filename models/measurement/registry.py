@@ -151,9 +151,8 @@ def fit_model(name: str, taps: "TapSet", grid: "ClassGrid", settings: "FitSettin
     with one_blas_thread():
         fitted = measurement_model(kind).fit(taps, grid, settings, trained_on)
     if not (fitted.convergence.converged or settings.unconverged):
-        raise NotConvergedError(
-            f"{name} did not converge: {fitted.convergence.sentence} Use it anyway with --allow-unconverged."
-        )
+        told = f"{fitted.convergence.sentence} {fitted.convergence.warning}".rstrip()
+        raise NotConvergedError(f"{name} did not converge: {told} Use it anyway with --allow-unconverged.")
     if settings.integrate:
         fitted = fitted.integrated(settings.integrate, settings.seed)
     if not in_states:

@@ -13,7 +13,7 @@ from own_stories import alike, correlated, counts, heavy, laplace, levels, norma
 from scipy import stats
 from scipy.special import logsumexp
 from solidtouch.inference.engines.engine import make_engine
-from solidtouch.models.errors import InputError
+from solidtouch.models.errors import InputError, NotConvergedError
 from solidtouch.models.io.model_file import load_model
 from solidtouch.models.measurement import registry
 from solidtouch.models.measurement.generic import fit as fits
@@ -573,3 +573,13 @@ def test_a_prior_far_from_the_taps_is_told_with_figures(distribution, told, taps
 
     assert bool(warning) == (told is not None)
     assert told is None or re.search(told, warning)
+
+
+def test_a_prior_far_from_the_taps_is_told_of_a_fit_that_did_not_converge(taps):
+    """Which may be why."""
+    wide = level_of(lambda loc, where: dist.Normal(loc + 0.0 * where, 500.0))
+    lost = fits.Convergence(False, "Lost.", {})
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(fits, "posterior", lambda *given: near_the_taps(*given)._replace(told=lost))
+        with pytest.raises(NotConvergedError, match=r"did not converge: Lost\. The prior of .* Use it anyway"):
+            quick(wide, taps, unconverged=False)
