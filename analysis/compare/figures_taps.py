@@ -49,7 +49,7 @@ def plot_groups_left_out(axes: Axes, means: xr.Dataset) -> Axes:
         axes.plot([], [], "o", color="black", markerfacecolor="black" if filled else "white", markersize=4, label=label)
     axes.axvline(0, color=OTHERS, linewidth=0.6, zorder=0)
     axes.set_yticks(range(len(names)), names)
-    axes.invert_yaxis()
+    axes.set_ylim(len(names) - 0.5, -0.5)
     axes.set_xlabel(f"log probability per tap − that of {means.attrs.get('reference', names[0])} (nat)")
     axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2)
     return axes
@@ -91,7 +91,7 @@ def plot_pareto(axes: Axes, left_out: xr.Dataset) -> Axes:
         )
     axes.axvline(good_k, color=OTHERS, linewidth=0.8, linestyle="--", zorder=0)
     axes.set_yticks(range(len(names)), names)
-    axes.invert_yaxis()
+    axes.set_ylim(len(names) - 0.5, -0.5)
     axes.set_xlabel("Pareto k of the training taps looked at: median, central 50% and 95%")
     return axes
 

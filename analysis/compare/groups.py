@@ -20,7 +20,7 @@ from ...models.measurement.likelihood.true_class import Own
 from ...models.measurement.model import Fitted
 from ...models.seeds import Purpose, generator
 from ...models.taps import TapSet, concatenate
-from .taps import TapScores
+from .taps import LOG_PROBABILITY, ScoreKind, TapScores
 
 UNITS = ("session", "position", "object")
 _AXIS = {"position": 0, "object": 1}
@@ -111,6 +111,18 @@ def scorer(unit: str, folds: Sequence[GroupFold], grid: ClassGrid, seed: int) ->
     for number, fold in enumerate(folds):
         fold_of[fold.test.indices(grid)[axis]] = number
     return lambda fitted, taps, exponent: score_places(fitted, taps, unit, fold_of, seed, exponent)
+
+
+def score_kinds(unit: str, grid: ClassGrid, *, in_bins: bool) -> dict[str, ScoreKind]:
+    """What the scores of taps left out are, by name; densities times widths of bins may exceed 1."""
+    inferred, of = ("object", grid.what_error_unit) if unit == "position" else ("position", grid.where_unit)
+    log_probability = LOG_PROBABILITY._replace(limits=(-np.inf, 0.0 if in_bins else np.inf))
+    return {
+        "integrated": log_probability,
+        "plug_in": log_probability,
+        "belief": ScoreKind(f"mean log belief in the true {inferred} after one tap", "nat", (-np.inf, 0.0)),
+        "error": ScoreKind(f"mean {inferred} error after one tap", of, (0.0, np.inf)),
+    }
 
 
 def score_sessions(fitted: Fitted, taps: TapSet, seed: int) -> dict[str, TapScores]:

@@ -13,7 +13,7 @@ from ...inference.tuning.tempering import fit_tempered
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
 from ...models.measurement.likelihood.bins import bin_edges
-from ...models.measurement.model import Fitted
+from ...models.measurement.model import BINS, Fitted
 from ...models.measurement.registry import fit_model, split_name, suited
 from ...models.settings import FitSettings, PlaySettings
 from ...models.taps import TapSet
@@ -21,8 +21,8 @@ from ..page.stages import Progress, StageClock
 from ..stats.checks import REPLICATES, predictive_checks
 from ..stats.decisions import at_equal_taps, decision_curves, planned, play_models
 from .classes import class_scores
-from .groups import UNITS, GroupFold, folds_of, known_taps, said, scorer
-from .taps import LOG_PROBABILITY, TapScores, join_scores, leave_one_tap_out, mean_scores, relative_elpd, stacked
+from .groups import UNITS, GroupFold, folds_of, known_taps, said, score_kinds, scorer
+from .taps import TapScores, join_scores, leave_one_tap_out, mean_scores, relative_elpd, stacked
 
 _FEWEST_DRAWS = 100
 
@@ -63,6 +63,7 @@ class Comparison(NamedTuple):
             second group.
         stacking: ArviZ's comparison of these, a data frame; `None` with less than two models.
         groups: How groups were left out, in a sentence.
+        missing: Why models have no value for groups left out, a sentence each.
         checks: See `stats.checks`; `None` where they were skipped.
         classes: See `classes`.
         curves: See `stats.decisions.decision_curves`.
@@ -81,6 +82,7 @@ class Comparison(NamedTuple):
     elpd: dict[str, Any]
     stacking: Any
     groups: str
+    missing: list[str]
     checks: xr.Dataset | None
     classes: xr.Dataset
     curves: xr.Dataset
@@ -104,7 +106,7 @@ def compare_models(
     fits, learned, refused, seconds = _fit_all(settings.models, train, grid, fit, clock)
     shared = _shared(fits, test)
     left_out = _leave_out_taps(fits, train, settings, clock)
-    groups, elpd, sentence = _leave_out_groups(fits, train, test, grid, fit, settings, clock)
+    groups, elpd, sentence, missing = _leave_out_groups(fits, train, test, grid, fit, settings, clock)
     checks = None
     if settings.draws:
         known = known_taps(train, grid, np.all([f.model.trained for f in fits.values()], axis=0))
@@ -134,6 +136,7 @@ def compare_models(
         elpd=elpd,
         stacking=stacked(elpd) if len(elpd) > 1 else None,
         groups=sentence,
+        missing=missing,
         checks=checks,
         classes=classes,
         curves=decision_curves(played),
@@ -230,11 +233,11 @@ def _leave_out_groups(
     fit: FitSettings,
     settings: CompareSettings,
     clock: StageClock,
-) -> tuple[xr.Dataset | None, dict[str, Any], str]:
+) -> tuple[xr.Dataset | None, dict[str, Any], str, list[str]]:
     unit = settings.leave_out
     folds, sentence = folds_of(unit, train, test, grid, settings.folds, one_recording=settings.one_recording)
     if not folds:
-        return None, {}, sentence
+        return None, {}, sentence, []
     score = scorer(unit, folds, grid, settings.seed)
     scores: dict[str, dict[str, list[TapScores]]] = {}
     failed: dict[str, str] = {}
@@ -251,26 +254,16 @@ def _leave_out_groups(
         kind: {name: join_scores(parts) for name, parts in named.items() if len(parts) == len(folds)}
         for kind, named in scores.items()
     }
-    labels = _labels(unit, grid)
+    kinds = score_kinds(unit, grid, in_bins=all(fitted.model.measure == BINS for fitted in fits.values()))
     means = [
-        mean_scores(named, next(iter(named)), kind, settings.seed, *labels.get(kind, LOG_PROBABILITY))
+        mean_scores(named, next(iter(named)), kind, settings.seed, kinds[kind])
         for kind, named in whole.items()
         if named
     ]
-    for name, reason in failed.items():
-        sentence += f" {name} could not be fitted to the others each time: {reason}"
     merged = xr.merge(means, join="outer", combine_attrs="drop_conflicts").assign_attrs(unit=unit) if means else None
     elpd = relative_elpd(predicted, len(folds)) if (predicted := whole.get("integrated")) else {}
-    return merged, elpd, sentence
-
-
-def _labels(unit: str, grid: ClassGrid) -> dict[str, tuple[str, str, float]]:
-    """Name, unit and least value of what is inferred where positions or objects are left out."""
-    inferred, of = ("object", grid.what_error_unit) if unit == "position" else ("position", grid.where_unit)
-    return {
-        "belief": (f"mean log belief in the true {inferred} after one tap", "nat", -np.inf),
-        "error": (f"mean {inferred} error after one tap", of, 0.0),
-    }
+    missing = [f"{name} has no value for left-out {unit}s: {reason}" for name, reason in failed.items()]
+    return merged, elpd, sentence, missing
 
 
 def _refit(

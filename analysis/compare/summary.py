@@ -70,6 +70,7 @@ def summarise(comparison: Comparison, settings: CompareSettings, described: Row)
             *_no_class_left(comparison),
             *_alone(names),
             *_measures(comparison),
+            *comparison.missing,
             *(warning for fit in comparison.fits.values() if (warning := fit.convergence.warning)),
         ],
         "taps": _taps(comparison),

@@ -23,10 +23,25 @@ from ..stats.pairing import RESAMPLES, with_intervals
 
 GOOD_K = 0.7
 """Pareto k above which importance sampling of a tap is not to be trusted, however many draws; less with few."""
-LOG_PROBABILITY = ("mean log probability of a tap's bins", "nat per tap", -np.inf)
-"""Name, unit and least value of the usual score of a tap."""
 SAMPLE = 100
 """Taps by which importance sampling is judged; the others are looked at only where it works for all of these."""
+
+
+class ScoreKind(NamedTuple):
+    """What scores are.
+
+    Attributes:
+        long_name: Of their mean.
+        units: Likewise.
+        limits: Least and largest value.
+    """
+
+    long_name: str = "mean log probability of a tap's bins"
+    units: str = "nat per tap"
+    limits: tuple[float, float] = (-np.inf, np.inf)
+
+
+LOG_PROBABILITY = ScoreKind()
 
 
 class TapScores(NamedTuple):
@@ -163,9 +178,7 @@ def mean_scores(
     reference: str,
     name: str,
     seed: int,
-    long_name: str = LOG_PROBABILITY[0],
-    units: str = LOG_PROBABILITY[1],
-    least: float = LOG_PROBABILITY[2],
+    of: ScoreKind = LOG_PROBABILITY,
 ) -> xr.Dataset:
     """Mean score per tap of every model, and of its difference to a reference, with intervals.
 
@@ -182,9 +195,9 @@ def mean_scores(
         samples = np.array([_jackknifed(one.values, one.cluster, one.without) for one in scores.values()])
         factor = (C - 1) / np.sqrt(C) if C > 2 else np.nan
     spread = Spread(float(factor), freedom=max(C - 1.0, 1.0))
-    attributes = {"long_name": long_name, "units": units}
+    attributes = {"long_name": of.long_name, "units": of.units}
     place = names.index(reference)
-    result = with_intervals(name, samples, ("model",), place, attributes, spread, limits=(least, np.inf))
+    result = with_intervals(name, samples, ("model",), place, attributes, spread, limits=of.limits)
     return result.assign_coords(model=np.array(names, dtype=np.str_)).assign_attrs(taps=N, reference=reference)
 
 

@@ -154,7 +154,12 @@ def crosscheck_model(
         else [f"The NumPyro routes were left out, because border {border} is not a Markov kernel."]
     )
     comparison = _Comparison(model.grid.M)
-    comparison.add_story(model, taps)
+    if model.runs_story:
+        notes.append(
+            f"{model.name} runs its function for every tap, so that there is no other likelihood to compare it with."
+        )
+    else:
+        comparison.add_story(model, taps)
     raw = None if train is None else _raw_filter(model, train, settings or ExperimentSettings(), border, notes)
     if raw is not None:
         comparison.add_fit(model, raw)

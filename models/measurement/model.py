@@ -192,6 +192,11 @@ class TapModel(ABC):
         """What its likelihoods are: probabilities of `bins`, or `density` times the widths of bins."""
         return BINS
 
+    @property
+    def runs_story(self) -> bool:
+        """Whether its likelihoods are those of its generative model, run for every tap."""
+        return False
+
     @cached_property
     def exponent(self) -> float:
         """Exponent of the likelihood, from `power`."""

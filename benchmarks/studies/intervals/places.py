@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from solidtouch.analysis.compare.groups import folds_of, known_taps, said, scorer
+from solidtouch.analysis.compare.groups import folds_of, known_taps, said, score_kinds, scorer
 from solidtouch.analysis.compare.taps import TapScores, join_scores, mean_scores
 from solidtouch.models.grid import ClassGrid
 from solidtouch.models.measurement.registry import fit_model
@@ -122,9 +122,10 @@ def measured(design: Design, number: int) -> _Found:
             for kind, part in score(fitted, taps, fitted.model.exponent).items():
                 if kind in KINDS:
                     scores[kind][name].append(part)
-    found = {}
+    found, kinds = {}, score_kinds(design.unit, grid, in_bins=True)
     for kind, named in scores.items():
-        means = mean_scores({name: join_scores(parts) for name, parts in named.items()}, MODELS[0], kind, seed)
+        whole = {name: join_scores(parts) for name, parts in named.items()}
+        means = mean_scores(whole, MODELS[0], kind, seed, kinds[kind])
         for end, names in (("", MODELS), ("_difference", MODELS[1:])):
             ends = [means[f"{kind}{end}{bound}"].sel(model=list(names)).values for bound in ("", "_low", "_high")]
             found[f"{kind}{end}"] = np.stack(ends, axis=-1)

@@ -11,10 +11,10 @@ from typing import Any
 import jax
 import numpy as np
 import numpyro
-from numpyro.distributions import ImproperUniform
 from numpyro.handlers import seed, substitute, trace
 
 from ..generic.form import key_from
+from ..generic.structure import is_improper
 from ..likelihood.shapes import Parameters
 from .posterior import ByClass
 
@@ -58,7 +58,7 @@ class StoryPrior:
         with jax.enable_x64(True), numpyro.validation_enabled(False):
             sites: dict[str, Any] = {}
             jax.eval_shape(lambda: sites.update(self._traced(0, {})))
-        return {name for name, site in sites.items() if isinstance(_base(site["fn"]), ImproperUniform)}
+        return {name for name, site in sites.items() if is_improper(site["fn"])}
 
     @cached_property
     def _drawn(self) -> Callable[[Any], dict[str, Any]]:
@@ -82,7 +82,7 @@ class StoryPrior:
             name = site["name"]
             if site["type"] != "sample" or name in self.others:
                 return None
-            if not known and isinstance(_base(site["fn"]), ImproperUniform):
+            if not known and is_improper(site["fn"]):
                 return jax.numpy.zeros(site["fn"].shape())
             return known.get(name)
 
@@ -98,10 +98,3 @@ class StoryPrior:
         axes = {density.ndim + frame.dim: _CLASSES[frame.name] for frame in frames if frame.name in _CLASSES}
         self._dims[name] = tuple(axes[axis] for axis in sorted(axes))
         return density.sum(tuple(axis for axis in range(density.ndim) if axis not in axes))
-
-
-def _base(distribution: Any) -> Any:
-    """Distribution without the expansion that plates give it."""
-    while hasattr(distribution, "base_dist"):
-        distribution = distribution.base_dist
-    return distribution

@@ -3,7 +3,6 @@
 Hoffman and Gelman, JMLR 15 (2014) 1593 (NUTS); Kucukelbir et al., JMLR 18 (2017) 14 (automatic variational inference).
 """
 
-import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -189,9 +188,8 @@ def _guided(fit: Fit, method: str) -> GuidePosterior:
     N, J, K = fit.samples.shape
     data = jax.numpy.asarray(fit.samples)
 
-    # Compiled as one program instead of one per operation. Guides keep tracers, of which they read only the shapes;
-    # that of a Laplace approximation keeps more.
-    begin = (lambda key: svi.init(key, data)) if method == "laplace" else jax.jit(lambda key: svi.init(key, data))
+    # Compiled as one program instead of one per operation. Guides keep tracers, of which they read only the shapes.
+    begin = jax.jit(lambda key: svi.init(key, data))
     # One program for every run: `svi.run` compiles at each call.
     forward = jax.jit(lambda state, data: jax.lax.scan(lambda s, _: svi.update(s, data), state, length=_AT_ONCE))
 
@@ -221,9 +219,10 @@ def _guided(fit: Fit, method: str) -> GuidePosterior:
     if isinstance(guide, AutoNormal | AutoDelta | AutoLaplaceApproximation):
         automatic: Any = guide
         centre = automatic.median(params)
-        if method == "laplace" and _singular(lambda: automatic.get_posterior(params)):
+        if method == "laplace" and _singular(automatic, params):
             told = told._replace(
-                converged=False, sentence=f"{told.sentence} The curvature there is singular: nothing can be drawn."
+                converged=False,
+                sentence="The curvature at the most probable values is singular, so nothing can be drawn; try svi.",
             )
 
         @jax.jit
@@ -242,15 +241,9 @@ def _guided(fit: Fit, method: str) -> GuidePosterior:
     return GuidePosterior(centre, sampled, told)
 
 
-def _singular(posterior: Callable[[], Any]) -> bool:
-    """Whether NumPyro warns that a normal approximation has no covariance."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        try:
-            posterior()
-        except UserWarning:
-            return True
-    return False
+def _singular(guide: AutoLaplaceApproximation, params: Any) -> bool:
+    """Whether a normal approximation has no covariance; NumPyro puts zeros in its place then."""
+    return not np.diagonal(jax.jit(lambda: guide.get_transform(params).scale_tril)()).all()
 
 
 def _summed(fit: Fit) -> tuple[Any, Any]:
@@ -343,10 +336,11 @@ def _far(fit: Fit, mean: NDArray[np.float64], sd: NDArray[np.float64]) -> str:
     else:
         return ""
     unit = "" if fit.story.raw else " in standardised units"
+    least, most, actual = (f"{value:.2g}".replace("-", "−") for value in (expected.min(), expected.max(), found))
     return (
-        f"The prior of {fit.story.name} is far from the taps: samples drawn from it have a {name} of "
-        f"{expected.min():.2g} to {expected.max():.2g} in {len(expected)} draws, the taps one of {found:.2g}{unit}."
-    ).replace("-", "−")
+        f"The prior of {fit.story.name} is far from the taps: samples drawn from it have a {name} of {least} to {most} "
+        f"in {len(expected)} draws, the taps one of {actual}{unit}."
+    )
 
 
 def _hint(fit: Fit) -> str:

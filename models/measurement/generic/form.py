@@ -201,7 +201,7 @@ class GenericForm:
         edges = np.broadcast_to(edges, (K, edges.shape[-1]))
         centres = 0.5 * (edges[:, :-1] + edges[:, 1:])
         with jax.enable_x64(True):
-            bins = _on_device(centres.T[None], edges).scaled(1.0, 0.0, *self.scaling)
+            bins = _before(_on_device(centres.T[None], edges), 1.0, 0.0, *self.scaling)
             table = np.asarray(_bin_table(self.program, self.known, bins))
         return np.moveaxis(table.reshape(L, M, -1, K), 2, 3)
 
@@ -237,7 +237,7 @@ class GenericForm:
 
     def _scaled(self, seen: Binned, s: Any) -> Binned:
         """Samples and bins before gain and offset, in the units of the model."""
-        return seen.scaled(self.gain[s], self.offset[s], *self.scaling)
+        return _before(seen, self.gain[s], self.offset[s], *self.scaling)
 
 
 jax.tree_util.register_dataclass(
@@ -296,4 +296,4 @@ def _on_device(taps: Any, edges: Any) -> Binned:
     return _held(jnp.asarray(taps, dtype=jnp.float64), jnp.asarray(edges, dtype=jnp.float64))
 
 
-_held = jax.jit(Binned.of)
+_held, _before = jax.jit(Binned.of), jax.jit(Binned.scaled)  # one program each instead of one per operation

@@ -135,6 +135,11 @@ class GenericModel(ModelOfParameters):
         """See `observed`."""
         return self.program.structure.measure
 
+    @property
+    def runs_story(self) -> bool:
+        """Whether it has no table."""
+        return not self.program.structure.exchangeable
+
     @cached_property
     def plain_form(self) -> Form:
         """Likelihood form of the parameters; of a model with sessions, the mean over new ones."""

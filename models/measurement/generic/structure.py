@@ -191,14 +191,15 @@ def _check_latent(story: StoryFunction, name: str, latent: dict[str, Any], local
             f"The latent variable {name!r} of {story.name} has a value for every tap, so that no tap could be judged "
             "without a fit; integrate it out in the model, or let it depend on class, taxel or session."
         )
-    if _is_improper(latent["fn"]):
+    if is_improper(latent["fn"]):
         raise InputError(
             f"The latent variable {name!r} of {story.name} has no proper prior, so that nothing can be drawn from it; "
             "give it one."
         )
 
 
-def _is_improper(prior: Any) -> bool:
+def is_improper(prior: Any) -> bool:
+    """Whether a prior is flat, whatever plates, masks and event dimensions do to it."""
     while hasattr(prior, "base_dist"):
         prior = prior.base_dist
     return isinstance(prior, ImproperUniform)

@@ -73,6 +73,7 @@ def test_errors_are_ranked_at_the_longest_time_that_most_models_reach():
     }
     comparison = SimpleNamespace(
         left_out_groups=None,
+        missing=[],
         classes=xr.Dataset(scores, {"model": ["a", "b"], "contacts": [1]}),
         grid=SimpleNamespace(what_error_unit="mm"),
         equal=xr.Dataset(errors, coords),

@@ -73,10 +73,26 @@ def test_new_positions_and_objects_have_a_table_of_their_own(make_taps, unit, ot
         leave_out=unit,
     )
     page = repr(report.page)
+    bounded = report.taps[["integrated_high", "plug_in_high", "belief_high"]].fillna(0.0)
 
+    assert (bounded <= 0).to_array().all()
+    assert (report.taps["error_low"].fillna(0.0) >= 0).all()
     assert report.taps.attrs["unit"] == unit
     assert {"integrated", "plug_in", "belief", "error_difference_low"} <= set(report.taps)
     assert report.taps["belief"].attrs["long_name"] == f"mean log belief in the true {other} after one tap"
     assert f"{unit}s_left_out" in report.tree
     assert f"leaving out each fold of {unit}s" in page
     assert f"{other.capitalize()} after one tap at left-out {unit}s" in page
+
+
+def test_a_model_that_fails_without_a_group_is_named_in_the_warnings(make_taps):
+    """With its reason, as its row has no value."""
+    taps = make_taps(L=4, M=2, J=6, K=2, sessions=2, repeats=6)
+    first = taps.session == 0
+    few = {"fit": FitSettings(bins=10), "draws": 0, "trials": 20, "thresholds": [0.5], "leave_out": "position"}
+    report = compare(taps.select(first), taps.select(~first), models=["gaussian", "smooth"], folds=2, **few)
+    (told,) = [text for text in report.summary["warnings"] if text.startswith("smooth has no value")]
+
+    assert "smooth has no value for left-out positions: " in told
+    assert "three positions" in told or "3 positions" in told
+    assert "gaussian has no value" not in repr(report.summary["warnings"])

@@ -198,3 +198,12 @@ def test_a_route_that_leaks_between_states_is_found(models, taps, monkeypatch, c
     check = crosscheck_model(models["session"], taps, episodes=1, length=LENGTH, sequence_taps=0)
 
     assert failed(check) == {"numpy, numpyro"}
+
+
+def test_a_likelihood_is_not_compared_with_itself(models, taps, monkeypatch):
+    """A model that runs its story has no row of it, but a note."""
+    monkeypatch.setattr(type(models["gaussian"]), "runs_story", True)
+    check = crosscheck_model(models["gaussian"], taps, episodes=2, length=LENGTH, sequence_taps=SEQUENCE)
+
+    assert STORY not in {row.routes for row in check.rows}
+    assert "gaussian runs its function for every tap" in check.notes[0]
