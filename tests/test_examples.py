@@ -12,6 +12,7 @@ import pytest
 from solidtouch.cli.main import run as run_command
 
 import solidtouch
+from benchmarks.own_stories import stories
 
 ROOT = Path(__file__).parents[1]
 MODULES = sorted(
@@ -120,15 +121,15 @@ def test_the_stories_of_the_page_about_own_models_keep_the_contract(make_taps):
     from solidtouch.models.measurement.generic.story import batch_of
     from solidtouch.models.measurement.generic.structure import structure_of
 
-    first, *others = blocks("docs/how-to/your-own-model.md")
-    stories = {}
-    exec("\n".join([first.partition("train, test =")[0], *others]), stories)  # noqa: S102
+    (partly,) = (block for block in blocks("docs/how-to/your-own-model.md") if "st.register" in block)
+    exec(f"import solidtouch as st\n{partly}", {})  # noqa: S102
     assert registry.split_name("wide-profile") == ("wide-profile", False)
     taps = make_taps(J=6, K=3)
     batch = batch_of(taps.grid(), taps.preprocessing, 3)
-    names = ("laplace", "two_levels", "walk", "shifted")
-    found = [structure_of(StoryFunction.of(stories[name], name), batch) for name in names]
+    shown = stories()
+    found = [structure_of(StoryFunction.of(story, name), batch) for name, story in shown.items()]
 
+    assert list(shown) == ["laplace", "two_levels", "walk", "shifted"]
     assert [s.enumerated for s in found] == [(), ("upper",), (), ()]
     assert [list(s.by_session) for s in found] == [[], [], [], ["shift"]]
 
