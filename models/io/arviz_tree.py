@@ -113,6 +113,7 @@ def arviz_groups(
             f"This {model.name} model has no posterior: it comes from a file, or its prior is improper. Fit it again, "
             "or store draws with it by solidtouch fit --arviz."
         )
+    _check_dims(model, coords)
     used = model.usable(taps)
     chosen = Chosen.of(model.posterior, 1, draws, seed)
     predicted = _Predicted.of(model, used, statistic)
@@ -239,7 +240,7 @@ class _Predicted(NamedTuple):
         of: Any = named.get(statistic, statistic)
         if not callable(of):
             raise InputError(f"statistic must be a function or one of {', '.join(STATISTICS)}, got {statistic!r}.")
-        observed = np.asarray(of(_centres(model, find_bins(taps.taps, model.edges))), dtype=np.float32)
+        observed = _numbers(of(_centres(model, find_bins(taps.taps, model.edges))), "tap")
         whole = statistic == "samples"
         if observed.shape != (taps.taps.shape if whole else (len(taps),)):
             raise InputError(f"statistic must give one number per tap, shape ({len(taps)},), got {observed.shape}.")
@@ -251,8 +252,20 @@ class _Predicted(NamedTuple):
         chance = generator(seed, Purpose.PREDICTED, number)
         bins = replicated_bins(parameters, self.model, self.taps, self.taps.indices(self.model.grid), chance)
         log_likelihood = self.own.log_probability(self.model.form_of(parameters))
-        predicted = self.statistic(_centres(self.model, bins))
-        return _Drawn(parameters, log_likelihood.astype(np.float32), np.asarray(predicted, dtype=np.float32))
+        predicted = _numbers(self.statistic(_centres(self.model, bins)), "tap drawn like tap")
+        return _Drawn(parameters, log_likelihood.astype(np.float32), predicted)
+
+
+def _numbers(values: Any, tap: str) -> NDArray[np.float32]:
+    """Values of a statistic.
+
+    Raises:
+        InputError: One is NaN.
+    """
+    numbers = np.asarray(values, dtype=np.float32)
+    if (wrong := np.argwhere(np.isnan(numbers))).size:
+        raise InputError(f"statistic must give a number for each tap, got NaN for {tap} {wrong[0][0]}.")
+    return numbers
 
 
 def _centres(model: TapModel, bins: NDArray[np.integer]) -> NDArray[np.float64]:
@@ -286,6 +299,19 @@ def _renamed(parameters: xr.Dataset) -> xr.Dataset:
     """Parameters with dims that ArviZ takes."""
     renamed = parameters.rename({old: new for old, new in _ALONG.items() if old in parameters.dims})
     return renamed.isel(once=0) if "once" in renamed.dims else renamed
+
+
+def _check_dims(model: TapModel, coords: Mapping[str, Any] | None) -> None:
+    """Refuses labels of a dimension that no parameter has.
+
+    Raises:
+        InputError: There is one.
+    """
+    dims = dict.fromkeys(_ALONG.get(dim, dim) for dims in model.dims.values() for dim in dims if dim != "once")
+    if unknown := [dim for dim in coords or {} if dim not in dims]:
+        raise InputError(
+            f"coords: the {model.name} model has no dimension {unknown[0]!r}; choose from {', '.join(dims)}."
+        )
 
 
 def _selected(values: xr.Dataset, coords: Mapping[str, Any] | None) -> xr.Dataset:

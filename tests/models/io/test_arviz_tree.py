@@ -115,9 +115,28 @@ def test_a_statistic_is_of_known_and_predicted_taps_alike(taps, model, statistic
     assert abs(float(predicted.mean() - observed.mean())) < 0.5 * float(observed.std())
 
 
-@pytest.mark.parametrize("statistic", ["median", lambda taps: taps.mean()])
-def test_a_statistic_of_another_kind_is_refused(taps, model, statistic):
-    with pytest.raises(InputError, match="statistic must"):
+def unknown_of_the_third(taps):
+    return np.where(np.arange(len(taps)) == 2, np.nan, 0.0)
+
+
+def seen(taps):
+    """A number for the known taps alone, which it gets first."""
+    seen.calls += 1
+    return np.full(len(taps), np.nan if seen.calls > 1 else 0.0)
+
+
+@pytest.mark.parametrize(
+    ("statistic", "told"),
+    [
+        ("median", "one of mean, peak"),
+        (lambda taps: taps.mean(), "one number per tap"),
+        (unknown_of_the_third, "a number for each tap, got NaN for tap 2"),
+        (seen, "a number for each tap, got NaN for tap drawn like tap 0"),
+    ],
+)
+def test_a_statistic_of_another_kind_is_refused(taps, model, statistic, told):
+    seen.calls = 0
+    with pytest.raises(InputError, match=f"statistic must .*{told}"):
         to_arviz(model, taps, draws=2, statistic=statistic)
 
 
@@ -132,6 +151,8 @@ def test_parameters_are_chosen_by_name_and_label(taps, model):
         to_arviz(model, taps, draws=3, var_names=["rate"])
     with pytest.raises(InputError, match="what has no 'cube'"):
         to_arviz(model, taps, draws=3, coords={"what": "cube"})
+    with pytest.raises(InputError, match="the gaussian model has no dimension 'wher'; choose from where, what, taxel"):
+        to_arviz(model, taps, draws=3, coords={"wher": 0})
 
 
 def test_draws_follow_their_seed(tree, taps, model):
