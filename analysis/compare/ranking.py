@@ -42,6 +42,11 @@ class Criterion(NamedTuple):
         """All models of rank 1."""
         return [name for name in self.values if self.rank(name) == 1]
 
+    @property
+    def second(self) -> str | None:
+        """The first of the best models below rank 1, `None` if there is none."""
+        return min((name for name in self.values if self.rank(name) > 1), key=self.rank, default=None)
+
 
 def levels(comparison: Comparison) -> list[Criterion]:
     """All levels that the comparison can rank by."""
@@ -83,17 +88,23 @@ def rank_rows(levels: Sequence[Criterion], names: Sequence[str]) -> list[Row]:
 
 
 def findings(levels: Sequence[Criterion], reference: str) -> list[str]:
-    """Sentences: the best model at each level, by how much, and how the best predictor does at the others."""
+    """Sentences: the best model at each level, by how much, and how the best predictor does at the others.
+
+    The best model is compared with the reference model, or with the second if it is the reference model itself.
+    """
     sentences = []
     for level in levels:
         best = level.best[0]
         equal = f" (equally good: {', '.join(level.best[1:])})" if len(level.best) > 1 else ""
         sentence = f"{best} {level.said}: {_value(level, best)}{equal}"
-        if reference not in level.best and reference in level.values:
-            sentence += f", compared with {_value(level, reference)} for {reference}{_interval(level, best, reference)}"
+        other = level.second if reference in level.best else reference
         first = levels[0].best[0]
-        if first not in (*level.best, reference) and first in level.values:
-            sentence += f"; {first}, which predicts {levels[0].title} best, has {_value(level, first)}"
+        predicts = f"{first}, which predicts {levels[0].title} best"
+        if other in level.values:
+            named = predicts if other == first else other
+            sentence += f", compared with {_value(level, other)} for {named}{_interval(level, best, other, reference)}"
+        if first not in (*level.best, other) and first in level.values:
+            sentence += f"; {predicts}, has {_value(level, first)}"
         sentences.append(sentence + ".")
     if levels and not set.intersection(*(set(level.best) for level in levels)):
         sentences.append("No model is best at all levels; see the table of ranks.")
@@ -123,10 +134,14 @@ def _value(level: Criterion, name: str) -> str:
     return f"{number(level.values[name])} {level.unit}".strip()
 
 
-def _interval(level: Criterion, name: str, reference: str) -> str:
-    if name not in level.low or name not in level.high:
+def _interval(level: Criterion, best: str, other: str, reference: str) -> str:
+    """The difference of two models, of which one is the reference."""
+    compared = other if best == reference else best
+    if compared not in level.low or compared not in level.high:
         why = "too few test taps" if level.larger else "too close to the end of a curve"
         return f" ({why} for an interval)"
-    low, high = level.low[name], level.high[name]
+    low, high = level.low[compared], level.high[compared]
+    if best == reference:
+        low, high = -high, -low
     unsure = ", not significant" if low <= 0 <= high else ""
-    return f"; difference {spanned(level.values[name] - level.values[reference], low, high)}{unsure}"
+    return f"; difference {spanned(level.values[best] - level.values[other], low, high)}{unsure}"

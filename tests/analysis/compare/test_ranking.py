@@ -41,8 +41,20 @@ def test_sentences_name_the_best_and_what_it_costs_elsewhere():
     """The best at taps is followed through the other levels, the reference is given beside every winner."""
     sentences = findings([TAPS, ERROR], "a")
     assert sentences[0] == "b is best at taps: −8 nat, compared with −10 nat for a; difference 2.0 (1.0 to 3.0)."
-    assert "a is best at active error: 0.4 nat; b, which predicts taps best, has 0.9 nat." in sentences
+    assert (
+        "a is best at active error: 0.4 nat, compared with 0.9 nat for b, which predicts taps best; difference "
+        "−0.5 (−1.5 to 0.5), not significant."
+    ) in sentences
     assert "No model is best at all levels" in sentences[-1]
+
+
+def test_a_reference_that_wins_is_compared_with_the_second_best():
+    """By the interval of the difference to it with the opposite sign; a single model is compared with none."""
+    second = "a is best at taps: −7 nat, compared with −8 nat for c; difference 1.0 (0.0 to 2.0), not significant."
+    assert findings([level("taps", {"a": -7.0, "b": -12.0, "c": -8.0})], "a") == [second]
+    skewed = Criterion("error", "is best", "mm", False, {"a": 1.0, "b": 3.0}, {"b": 0.5}, {"b": 2.5})
+    assert findings([skewed], "a") == ["a is best: 1 mm, compared with 3 mm for b; difference −2.0 (−2.5 to −0.5)."]
+    assert findings([level("taps", {"a": -7.0})], "a") == ["a is best at taps: −7 nat."]
 
 
 @pytest.mark.parametrize(("worse", "words"), [(-8.5, "0.5 (−0.5 to 1.5), not significant"), (-9.5, "1.5 (0.5 to 2.5)")])
