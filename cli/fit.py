@@ -5,9 +5,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
 
+from ..models.errors import InputError
 from ..models.settings import Division, FitSettings
 from .shared.interrupt import loading
 from .shared.options import DIVIDED, FITTING, Data, Fields, Force, Model, Seed, spelled_out
+from .shared.progress import bars
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -67,7 +69,6 @@ def fit(
 
     check_netcdf_name(out)
     check_writable(out, force)
-    from ..models.errors import InputError
 
     with loading():
         from ..analysis.experiment.data_warnings import one_object
@@ -94,7 +95,8 @@ def fit(
     fold = parts.folds[0]
     grid, dropped = trim(grid, [fold.train])
     trained_on = f"{', '.join(path.name for path in data)}: {parts.description}"
-    fitted, learned = fit_tempered(model, fold.train, grid, settings, trained_on)
+    with bars() as progress:
+        fitted, learned = fit_tempered(model, fold.train, grid, settings, trained_on, progress)
     kept = _draws(fitted, fold.train, draws, seed, arviz)
     beside = "" if learned is None else _beside(model, fitted, fold.train, settings, learned.taps, simulations)
     save_model(fitted.model.with_scores(fold.train), out, force, kept, fitted.convergence)
@@ -124,8 +126,6 @@ def _beside(model: str, fitted: "Fitted", taps: "TapSet", settings: "FitSettings
         return ""
     with loading():
         from ..analysis.stats.right_exponent import learned_beside
-    from .shared.progress import bars
-
     with bars() as progress:
         counted = progress("Learning powers of simulated data", simulations)
         return learned_beside(model, fitted.model, taps, settings, n, simulations, counted).sentence
@@ -140,8 +140,6 @@ def _draws(fitted: "Fitted", taps: "TapSet", draws: int, seed: int, arviz: bool)
 
         from ..models.io.arviz_tree import arviz_groups, draw_groups
         from ..models.measurement.draws import CHAINS, posterior_draws
-    from .shared.progress import bars
-
     with bars() as progress:
         counted = progress("Drawing parameters", CHAINS * draws)
         if arviz:

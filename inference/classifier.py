@@ -60,6 +60,7 @@ class TapClassifier(ClassifierMixin, BaseEstimator):  # pyright: ignore[reportGe
         value_range: Whether bins span the range of all taxels together or of each.
         edges: Bin edges, shape (B + 1,) or (K, B + 1), instead of those of the training taps; they replace `bins`.
         method: `"closed"`, `"nuts"`, or for functions `"svi"`, `"map"` or `"laplace"`.
+        steps: Maximum number of steps of such a fit.
         integrate: Number of draws from the posterior over which decisions are integrated.
         unconverged: Whether a fit that did not converge may be used.
         gain_sd: Session models: standard deviation of the log gain between sessions.
@@ -82,6 +83,7 @@ class TapClassifier(ClassifierMixin, BaseEstimator):  # pyright: ignore[reportGe
         value_range: str = "global",
         edges: ArrayLike | None = None,
         method: str = "closed",
+        steps: int | None = None,
         integrate: int = 0,
         unconverged: bool = False,
         gain_sd: float | None = None,
@@ -95,6 +97,7 @@ class TapClassifier(ClassifierMixin, BaseEstimator):  # pyright: ignore[reportGe
         self.value_range = value_range
         self.edges = edges
         self.method = method
+        self.steps = steps
         self.integrate = integrate
         self.unconverged = unconverged
         self.gain_sd = gain_sd

@@ -11,7 +11,8 @@ from ..models.io.load import TapSource, all_taps_of
 from ..models.measurement.generic.source import undone_on_error
 from ..models.measurement.histogram import trim
 from ..models.measurement.model import TapModel
-from ..models.measurement.registry import KINDS, PAPER, AnyModel, model_name, split_name
+from ..models.measurement.registry import KINDS, PAPER, AnyModel, model_name, split_name, takes_steps
+from ..models.progress import Progress, no_progress
 from ..models.settings import FitSettings
 from .tuning.tempering import fit_tempered
 
@@ -22,6 +23,7 @@ def fit(
     model: AnyModel = "histogram",
     *,
     grid: ClassGrid | None = None,
+    progress: Progress = no_progress,
     **settings: Any,
 ) -> TapModel:
     """Measurement model fitted to training taps.
@@ -37,6 +39,8 @@ def fit(
         model: Its name, see docs/reference/models.md, or a NumPyro function, see docs/how-to/your-own-model.md.
         grid: The classes; those of the taps' own tables where none are given. Objects without a tap and empty ends of
             the range are taken out and named in `left_out`, so classes are counted as in the `grid` of the model.
+        progress: Called with the name of every long stage of a fit and its number of steps; returns the function that
+            advances it.
         settings: Fields of `FitSettings`, such as `bins=100`, `pseudocount=0.01` or `power="J"`; a power may also be
             `"learned"`, which leaves out each training session in turn.
 
@@ -59,7 +63,7 @@ def fit(
     if grid is not None and "" not in (units := {grid.where_unit, taps.where_unit}) and len(units) > 1:
         raise InputError(f"The grid has positions in {grid.where_unit!r}, the taps in {taps.where_unit!r}.")
     grid, dropped = trim(taps.grid() if grid is None else grid, [taps])
-    fitted, _ = fit_tempered(name, taps, grid, given, "taps given to fit")
+    fitted, _ = fit_tempered(name, taps, grid, given, "taps given to fit", progress)
     if fitted.convergence.warning:
         warnings.warn(fitted.convergence.warning, stacklevel=2)
     scored: Any = fitted.model.with_scores(taps)
@@ -86,3 +90,5 @@ def check_used(model: str, settings: FitSettings) -> None:
             f"Method {settings.method!r} (--fit {settings.method}) is for functions; {kind} has a fast fit of its own, "
             "and nuts."
         )
+    if settings.steps is not None and not takes_steps(kind, settings):
+        raise InputError(f"steps (--steps) is for functions and nuts (--fit nuts), got {kind}.")

@@ -155,6 +155,8 @@ class FitSettings(Checked, frozen=True, kw_only=True):
         method: `"closed"` for the fast fit of each model, which for a function of the user's is `"svi"`; `"nuts"` to
             sample its story, `"svi"`, `"map"` or `"laplace"` for functions. In studies built-in models always have
             the fast fit.
+        steps: Maximum number of steps of the fit of a function, in whole runs of 800; of `"nuts"` the number of steps
+            of each chain, two thirds of which adapt the sampler. `None` for 4000, and 750 of chains.
         integrate: Number of draws from the posterior over which decisions are integrated; 0 decides at one value.
         unconverged: Whether a fit that did not converge may be used.
         gain_sd: Session models: standard deviation of the log gain between sessions; `None` to estimate it from the
@@ -170,6 +172,7 @@ class FitSettings(Checked, frozen=True, kw_only=True):
     value_range: ValueRange = "global"
     edges: Any = None
     method: Method = "closed"
+    steps: Annotated[int, wanted("an integer of at least 50", ge=50)] | None = None
     integrate: Annotated[int, wanted("an integer of at least 0", ge=0)] = 0
     unconverged: bool = False
     gain_sd: _Spread | None = None

@@ -12,12 +12,12 @@ from ...models.errors import InputError, check_counts
 from ...models.io.load import TapSource, names_of
 from ...models.measurement.histogram import trim
 from ...models.measurement.model import TapModel
+from ...models.progress import Progress, no_progress
 from ...models.setting_file import Setting
 from ...models.settings import Division, FitSettings, PlaySettings
 from ..experiment.parts import AuditParts, load_parts
 from ..page.page import Page, Row
 from ..page.report import StudyReport
-from ..page.stages import Progress, no_progress
 from .page import audit_page
 from .remedies import BASELINE, Remedy
 from .run import Audit, AuditSettings, audit_taps

@@ -12,11 +12,12 @@ from ...models.errors import InputError
 from ...models.grid import ClassGrid
 from ...models.measurement.histogram import HistogramModel
 from ...models.measurement.model import TapModel
+from ...models.progress import Progress
 from ...models.setting_file import Setting
 from ...models.taps import TapSet, concatenate
 from ...models.threads import one_blas_thread
 from ..experiment.parts import AuditParts
-from ..page.stages import Progress, StageClock
+from ..page.stages import StageClock
 from ..stats.evidence import evidence
 from ..stats.reliability import THETAS
 from ..stats.right_exponent import SIMULATIONS as RIGHT_EXPONENTS

@@ -15,12 +15,12 @@ from ...models.io.load import TapSource, names_of
 from ...models.measurement.histogram import trim
 from ...models.measurement.model import TapModel
 from ...models.measurement.registry import NAMES, AnyModel, measurement_model, model_names, split_name
+from ...models.progress import Progress, no_progress
 from ...models.settings import Division, FitSettings, PlaySettings
 from ...models.splits import Split, load_experiment
 from ..experiment.data_warnings import fold_warnings
 from ..page.page import Page, Row
 from ..page.report import StudyReport
-from ..page.stages import Progress, no_progress
 from .page import comparison_page, comparison_tree
 from .run import CompareSettings, Comparison, compare_models
 from .summary import summarise

@@ -15,9 +15,10 @@ from ...models.grid import ClassGrid
 from ...models.measurement.likelihood.bins import bin_edges
 from ...models.measurement.model import BINS, Fitted
 from ...models.measurement.registry import fit_model, split_name, suited
+from ...models.progress import Progress
 from ...models.settings import FitSettings, PlaySettings
 from ...models.taps import TapSet
-from ..page.stages import Progress, StageClock
+from ..page.stages import StageClock
 from ..stats.checks import REPLICATES, predictive_checks
 from ..stats.decisions import at_equal_taps, decision_curves, planned, play_models
 from .classes import class_scores
@@ -183,7 +184,7 @@ def _fit_all(
         stage = f"Fitting {name}"
         with clock.stage(stage):
             try:
-                fits[name], power = fit_tempered(name, train, grid, suited(name, fit))
+                fits[name], power = fit_tempered(name, train, grid, suited(name, fit), progress=clock.progress)
                 learned |= {} if power is None else {name: power.sentence}
             except InputError as error:
                 refused[name] = str(error)

@@ -10,9 +10,10 @@ import numpy as np
 import xarray as xr
 
 from ...models.errors import InputError
+from ...models.progress import Progress, no_progress
 from ..page.page import Brief, Page, Table
 from ..page.report import Report
-from ..page.stages import Progress, counted, no_progress
+from ..page.stages import counted
 from .answers import FIT, QUANTITIES
 from .case import Case
 from .catalogue import expected as exact_answers

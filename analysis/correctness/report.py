@@ -10,6 +10,7 @@ from ...models.errors import InputError, check_counts
 from ...models.io.load import TapSource
 from ...models.measurement.histogram import trim
 from ...models.measurement.registry import PAPER, AnyModel, model_names, split_name
+from ...models.progress import Progress, no_progress
 from ...models.settings import Division, FitSettings, PlaySettings
 from ...models.splits import Split, load_experiment
 from ..experiment.crosscheck import CrossCheck, crosscheck_model
@@ -17,7 +18,6 @@ from ..experiment.settings import ExperimentSettings
 from ..page.labelled import labelled
 from ..page.page import Page
 from ..page.report import Report
-from ..page.stages import Progress, no_progress
 from .page import crosscheck_page
 
 
@@ -100,7 +100,7 @@ def crosscheck(
 
     def check(name: str) -> CrossCheck:
         chosen = settings.changed(model=name)
-        fitted = chosen.fitted(fold.train, grid)
+        fitted = chosen.fitted(fold.train, grid, progress)
         advance = progress("Cross-checking engines" if len(names) == 1 else f"Cross-checking {name}", episodes)
         return crosscheck_model(
             fitted,

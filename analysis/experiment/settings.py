@@ -9,6 +9,7 @@ from ...models.errors import InputError
 from ...models.grid import ClassGrid
 from ...models.measurement.model import TapModel
 from ...models.measurement.registry import split_name, suited
+from ...models.progress import Progress, no_progress
 from ...models.settings import Checked, FitSettings, PlaySettings
 from ...models.taps import TapSet
 
@@ -46,13 +47,13 @@ class ExperimentSettings(Checked, frozen=True, kw_only=True):
         """The threshold that is shown and those below, at which fresh taps are played."""
         return tuple(theta for theta in self.thresholds if theta <= self.thresholds[self.shown])
 
-    def fitted(self, taps: TapSet, grid: ClassGrid) -> TapModel:
+    def fitted(self, taps: TapSet, grid: ClassGrid, progress: Progress = no_progress) -> TapModel:
         """The measurement model of training taps under these settings.
 
         Raises:
             InputError: As `fit_tempered`.
         """
-        fitted, _ = fit_tempered(self.model, taps, grid, suited(self.model, self.fit))
+        fitted, _ = fit_tempered(self.model, taps, grid, suited(self.model, self.fit), progress=progress)
         return fitted.model
 
 

@@ -7,6 +7,7 @@ from ...inference.moves.control import check_fixation
 from ...inference.trials.records import TapTable, tap_table
 from ...models.grid import ClassGrid, can_act
 from ...models.measurement.model import TapModel
+from ...models.progress import Progress, no_progress
 from ...models.splits import Fold
 from ...models.taps import TapSet
 from ..stats.contacts import Accuracy, accuracy
@@ -42,6 +43,7 @@ def study(
     settings: ExperimentSettings,
     progress: Callable[[int], None] | None = None,
     resamples: int = 0,
+    fitting: Progress = no_progress,
 ) -> Study:
     """Runs the experiment on one training and test set.
 
@@ -51,11 +53,12 @@ def study(
         settings: What to do.
         progress: Called with the number of trials finished since the last call; `planned` tells the total.
         resamples: Of the test taps, for intervals where there is one data set only.
+        fitting: Called with the name of a stage of the fit and its size; returns the function that advances it.
 
     Raises:
         InputError: No test tap belongs to a trained class, or a setting is out of range.
     """
-    model = settings.fitted(fold.train, grid)
+    model = settings.fitted(fold.train, grid, fitting)
     test = model.usable(fold.test)
     table = tap_table(model, test)
     fixation = check_fixation(settings.play.fixation, grid.L)

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from ...models.errors import InputError
+from ...models.progress import Progress, no_progress
 from ...models.storage import complete_folder
 from .figure_style import drawn_into
 from .html import draw_pictures, render_brief, write_page
 from .page import Page, Picture
-from .stages import Progress, no_progress
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure

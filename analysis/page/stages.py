@@ -6,8 +6,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
-type Progress = Callable[[str, int], Callable[[int], None]]
-"""Called with the name and size of a stage; returns the function that advances it."""
+from ...models.progress import Progress
 
 
 class Check(NamedTuple):
@@ -42,11 +41,6 @@ class StageClock:
         if left > 0:
             told(left)
         self.elapsed_s[name] = round(time.perf_counter() - began, 2)
-
-
-def no_progress(stage: str, total: int) -> Callable[[int], None]:  # noqa: ARG001 - the signature of Progress
-    """Shows nothing."""
-    return lambda done: None  # noqa: ARG005
 
 
 def timed_check(name: str, against: str, work: Callable[[], tuple[str, bool]]) -> Check:

@@ -16,6 +16,7 @@ from ...models.errors import InputError, check_counts
 from ...models.io.load import TapSource, names_of
 from ...models.measurement.histogram import trim
 from ...models.measurement.registry import PAPER, AnyModel, model_name
+from ...models.progress import Progress, no_progress
 from ...models.seeds import data_set_seed
 from ...models.settings import Division, FitSettings, PlaySettings
 from ...models.splits import Fold, Split, load_experiment
@@ -24,7 +25,7 @@ from ..experiment.settings import ExperimentSettings, check_settings
 from ..experiment.study import Study, planned, study
 from ..page.page import Page, Picture
 from ..page.report import StudyReport
-from ..page.stages import Progress, StageClock, no_progress
+from ..page.stages import StageClock
 from ..stats import metrics
 from .figures import pictures
 from .page import report_page
@@ -208,7 +209,9 @@ def run_experiment(request: Request, progress: Progress) -> Results:
     with clock.stage("Playing trials", planned(grid, settings, resamples) * len(folds)) as advance:
         # Data sets must not share random numbers, or their spread would miss the sampling of trials.
         studies = [
-            study(fold, grid, settings.changed(seed=data_set_seed(settings.seed, d)), advance, resamples)
+            study(
+                fold, grid, settings.changed(seed=data_set_seed(settings.seed, d)), advance, resamples, clock.progress
+            )
             for d, fold in enumerate(folds)
         ]
     names = [part.name for part in studies]

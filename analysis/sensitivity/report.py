@@ -7,11 +7,11 @@ import xarray as xr
 
 from ...models.errors import InputError, check_counts
 from ...models.io.load import TapSource
+from ...models.progress import Progress, no_progress
 from ...models.settings import Division
 from ..experiment.sources import recorded_source, simulated_source
 from ..page.page import Page, Row
 from ..page.report import StudyReport, TitleRecord
-from ..page.stages import Progress, no_progress
 from .page import sensitivity_page
 from .run import Sensitivity, SensitivitySettings, sensitivity_study
 from .summary import summarise

@@ -14,6 +14,7 @@ from ...inference.trials.resampling import spread
 from ...inference.trials.run import THRESHOLDS, run_trials
 from ...models.grid import ClassGrid
 from ...models.measurement.model import TapModel
+from ...models.progress import Progress
 from ...models.seeds import data_set_seed
 from ...models.settings import PlaySettings
 from ...models.splits import Fold
@@ -21,7 +22,7 @@ from ...models.taps import TapSet
 from ...models.threads import cores, in_order, one_blas_thread
 from ..experiment.settings import SHOWN_THETA
 from ..experiment.sources import Source
-from ..page.stages import Progress, counted
+from ..page.stages import counted
 from ..stats.jackknife import Interval, Means
 from ..stats.resampled_units import resampled_tables, units_of
 from .choices import CHOICES, Catalogue, Choice, Option, Reading, applicable, changed

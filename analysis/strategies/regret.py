@@ -18,8 +18,8 @@ from ...inference.stopping.stopping import StopRule
 from ...inference.trials.lockstep import Record, play
 from ...inference.trials.records import plan_trials
 from ...models.errors import InputError
+from ...models.progress import Progress
 from ...models.threads import cores, in_order, one_blas_thread
-from ..page.stages import Progress
 from .regret_cases import (
     LARGE,
     SMALL,

@@ -8,10 +8,10 @@ import xarray as xr
 
 from ...models.errors import InputError, check_counts
 from ...models.io.load import TapSource
+from ...models.progress import Progress, no_progress
 from ...models.settings import Division
 from ..page.page import Page, Row
 from ..page.report import StudyReport, TitleRecord
-from ..page.stages import Progress, no_progress
 from .data import RIGHT, recorded_bench, simulated_bench
 from .page import strategies_page
 from .regret import TRIALS, RegretSettings, regret_study

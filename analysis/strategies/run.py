@@ -23,11 +23,11 @@ from ...inference.trials.lockstep import Record, play
 from ...inference.trials.records import plan_trials, tap_table
 from ...inference.trials.resampling import spread
 from ...models.measurement.model import TapModel
+from ...models.progress import Progress
 from ...models.seeds import data_set_seed
 from ...models.threads import cores, in_order, one_blas_thread
 from ..experiment.settings import SHOWN_THETA
 from ..page.figure_style import short_unit
-from ..page.stages import Progress
 from ..stats.jackknife import Means
 from ..stats.resampled_units import resampled_tables, units_of
 from .curves import Family, decided_sums, families, nats

@@ -8,10 +8,10 @@ from typing import Self
 import xarray as xr
 
 from ...models.errors import InputError
+from ...models.progress import Progress, no_progress
 from ...models.threads import cores
 from ..page.page import Brief, Page, Table
 from ..page.report import Report
-from ..page.stages import Progress, no_progress
 from .cell import Runner
 from .local import in_processes, in_this_process
 from .result import AVERAGED, open_sweep, over_data

@@ -20,6 +20,7 @@ from ...models.grid import ClassGrid
 from ...models.io.load import TapSource, named, names_of, taps_of
 from ...models.io.model_file import ModelSource, model_of
 from ...models.measurement.model import TapModel
+from ...models.progress import Progress, no_progress
 from ...models.settings import PlaySettings
 from ...models.splits import select_sessions
 from ...models.storage import complete_file
@@ -27,7 +28,6 @@ from ...models.training import untrained_taps
 from ..experiment.data_warnings import one_object
 from ..page.page import Page
 from ..page.report import Report
-from ..page.stages import Progress, no_progress
 from ..stats.no_class_left import no_class_left_sentence
 from ..stats.tallied import QUANTITIES, tally_means
 from .page import tally_page

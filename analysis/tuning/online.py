@@ -30,13 +30,13 @@ from ...models.grid import ClassGrid
 from ...models.io.load import TapSource
 from ...models.measurement.model import TapModel
 from ...models.measurement.registry import PAPER, AnyModel, model_name
+from ...models.progress import Progress, no_progress
 from ...models.setting_file import Setting
 from ...models.settings import Division, FitSettings, PlaySettings
 from ...models.storage import check_writable
 from ...models.taps import TapSet
 from ...models.training import tap_digests, untrained_taps
 from ..page.page import Brief, Page
-from ..page.stages import Progress, no_progress
 from ..stats.metrics import CONFIDENCE
 from .run import Price, check_objects, check_price
 from .training import TunedReport, training_data

@@ -8,10 +8,10 @@ from ...inference.trials.run import checked_thresholds
 from ...models.errors import check_counts
 from ...models.io.load import TapSource
 from ...models.measurement.registry import PAPER, AnyModel, model_name
+from ...models.progress import Progress, no_progress
 from ...models.setting_file import Setting
 from ...models.settings import Division, FitSettings, PlaySettings
 from ..page.page import Brief, Page
-from ..page.stages import Progress, no_progress
 from .page import position_table, threshold_table
 from .run import Price, Tuning, check_objects, check_price, tune_parts, tuning_trials
 from .training import TunedReport, training_data

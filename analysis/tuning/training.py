@@ -13,6 +13,7 @@ from ...models.grid import ClassGrid
 from ...models.io.load import TapSource, names_of
 from ...models.measurement.histogram import trim
 from ...models.measurement.model import TapModel
+from ...models.progress import Progress
 from ...models.setting_file import Setting
 from ...models.settings import Division, FitSettings
 from ...models.splits import load_experiment
@@ -20,7 +21,6 @@ from ...models.taps import TapSet, concatenate
 from ..experiment.parts import load_parts
 from ..experiment.settings import ExperimentSettings
 from ..page.report import Report
-from ..page.stages import Progress
 
 _TWO = 2  # tap sets that are divided as for a fit
 

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 from ...hardware.simulator.session import simulate_session
 from ...hardware.simulator.settings import preset
 from ...models.measurement.histogram import fit
+from ...models.progress import Progress
 from ..conformance.catalogue import catalogue
 from ..conformance.routes import ROUTES
 from ..conformance.run import run_route
@@ -12,7 +13,7 @@ from ..conformance.verdict import Verdict, described
 from ..correctness.sbc import LEVEL, SHORT, calibrate
 from ..experiment.crosscheck import CrossCheck, crosscheck_model
 from ..experiment.sources import right_model
-from ..page.stages import Check, Progress, counted, timed_check
+from ..page.stages import Check, counted, timed_check
 
 _EPISODES, _TAPS = 4, 20
 _CALLED = {"arrays": "Monte Carlo in arrays", "cpu": "Monte Carlo trials"}

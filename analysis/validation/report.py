@@ -4,10 +4,11 @@ from dataclasses import dataclass
 
 import xarray as xr
 
+from ...models.progress import Progress, no_progress
 from ..page.labelled import labelled
 from ..page.page import Brief, Page, Table
 from ..page.report import Report
-from ..page.stages import Check, Progress, no_progress
+from ..page.stages import Check
 from .checks import check_beliefs, check_engines, check_routes
 
 

@@ -119,6 +119,16 @@ FitMethod = Annotated[
         help="How functions of yours are fitted, by default as with svi; nuts in the command fit samples any model.",
     ),
 ]
+Steps = Annotated[
+    int | None,
+    typer.Option(
+        "--steps",
+        metavar="N",
+        help="Maximum number of steps of a fit of a function of yours, in runs of 800 (default 4000); with --fit nuts "
+        "the number of steps of each chain (default 750).",
+        show_default=False,
+    ),
+]
 Border = Annotated[
     Literal["uniform", "uniform_what", "prior", "clamp", "circular"],
     typer.Option("--border", help="How to treat belief shifted beyond the range."),
@@ -156,6 +166,7 @@ OPTIONS: dict[str, Any] = {
     "value_range": ValueRange,
     "integrate": Integrate,
     "method": FitMethod,
+    "steps": Steps,
     "unconverged": AllowUnconverged,
     "threshold": Theta,
     "theta_x": ThetaX,
@@ -173,7 +184,7 @@ OPTIONS: dict[str, Any] = {
 """Default command-line options of the fields of settings records."""
 
 
-FITTING = "bins", "pseudocount", "power", "value_range", "integrate", "method"
+FITTING = "bins", "pseudocount", "power", "value_range", "integrate", "method", "steps"
 CELLS = "where_cell", "what_cell"
 DIVIDED = *CELLS, "split", "train", "test"
 

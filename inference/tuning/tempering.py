@@ -21,6 +21,7 @@ from ...models.errors import InputError
 from ...models.grid import ClassGrid
 from ...models.measurement.model import Fitted, TapModel
 from ...models.measurement.registry import fit_model
+from ...models.progress import Progress, no_progress
 from ...models.seeds import Purpose, generator
 from ...models.settings import FitSettings, learned_taps
 from ...models.taps import TapSet
@@ -102,7 +103,12 @@ class LearnedSaturation(NamedTuple):
 
 
 def fit_tempered(
-    name: str, taps: TapSet, grid: ClassGrid, settings: FitSettings, trained_on: str = ""
+    name: str,
+    taps: TapSet,
+    grid: ClassGrid,
+    settings: FitSettings,
+    trained_on: str = "",
+    progress: Progress = no_progress,
 ) -> tuple[Fitted, LearnedPower | None]:
     """Fitted model, with its power learned first if the settings request this.
 
@@ -112,19 +118,28 @@ def fit_tempered(
         grid: The classes.
         settings: How; a power that is learned becomes the model's, and `trained_on` says how.
         trained_on: Description of the training taps.
+        progress: As for `fit_model`.
 
     Raises:
         InputError: As `fit_model` and `learn_power`.
     """
     n = learned_taps(settings.power)
     if n is None:
-        return fit_model(name, taps, grid, settings, trained_on), None
-    learned = learn_power(name, taps, grid, settings, n, settings.seed)
+        return fit_model(name, taps, grid, settings, trained_on, progress), None
+    learned = learn_power(name, taps, grid, settings, n, settings.seed, progress)
     told = " ".join(part for part in (trained_on, learned.sentence) if part)
-    return fit_model(name, taps, grid, settings.changed(power=learned.power), told), learned
+    return fit_model(name, taps, grid, settings.changed(power=learned.power), told, progress), learned
 
 
-def learn_power(name: str, taps: TapSet, grid: ClassGrid, settings: FitSettings, n: int, seed: int) -> LearnedPower:
+def learn_power(
+    name: str,
+    taps: TapSet,
+    grid: ClassGrid,
+    settings: FitSettings,
+    n: int,
+    seed: int,
+    progress: Progress = no_progress,
+) -> LearnedPower:
     """Exponent with the highest mean log belief in the true class of held-out taps.
 
     The sequences are of one class and session, without replacement; a class with fewer taps in a session gives them
@@ -138,6 +153,7 @@ def learn_power(name: str, taps: TapSet, grid: ClassGrid, settings: FitSettings,
         settings: How to fit; the power is ignored.
         n: Taps of a sequence.
         seed: Random seed of the sequences.
+        progress: As for `fit_model`.
 
     Raises:
         InputError: There are less than two sessions, none has a class that the others have too, left-out taps are
@@ -152,7 +168,8 @@ def learn_power(name: str, taps: TapSet, grid: ClassGrid, settings: FitSettings,
     _check_length(n)
     used, sequences = [], []
     for session in sessions:
-        model = fit_model(name, taps.select(taps.session != session), grid, settings.changed(power="none")).model
+        others, at_one = taps.select(taps.session != session), settings.changed(power="none")
+        model = fit_model(name, others, grid, at_one, progress=progress).model
         left_out = _usable(model, taps.select(taps.session == session))
         if left_out is not None:
             used.append(session)

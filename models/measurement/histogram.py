@@ -21,6 +21,7 @@ from scipy.special import gammaln
 
 from ..errors import InputError
 from ..grid import ClassGrid
+from ..progress import Progress, no_progress
 from ..settings import FitSettings, likelihood_exponent
 from ..taps import TapSet
 from ..training import tap_digests
@@ -366,7 +367,14 @@ class _Histogram(NamedTuple):
 
     row: Row = Row("nothing", "one histogram per class and taxel, as in the paper")
 
-    def fit(self, taps: TapSet, grid: ClassGrid, settings: FitSettings, trained_on: str = "") -> Fitted:
+    def fit(
+        self,
+        taps: TapSet,
+        grid: ClassGrid,
+        settings: FitSettings,
+        trained_on: str = "",
+        progress: Progress = no_progress,  # noqa: ARG002 - counting takes no time
+    ) -> Fitted:
         """Fit with its posterior, which is `None` without a pseudocount, as the prior is improper."""
         model = fit(
             taps,

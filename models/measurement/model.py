@@ -17,6 +17,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
+from ..progress import Progress, no_progress
 from ..seeds import Purpose, generator
 from ..settings import check_saturation, likelihood_exponent
 from ..storage import write_groups
@@ -419,8 +420,15 @@ class MeasurementModel(Protocol):
         """Difference from the paper's assumptions."""
         ...
 
-    def fit(self, taps: "TapSet", grid: "ClassGrid", settings: "FitSettings", trained_on: str = "") -> Fitted:
-        """Model fitted to training taps; `trained_on` describes them.
+    def fit(
+        self,
+        taps: "TapSet",
+        grid: "ClassGrid",
+        settings: "FitSettings",
+        trained_on: str = "",
+        progress: Progress = no_progress,
+    ) -> Fitted:
+        """Model fitted to training taps; `trained_on` describes them, `progress` is called by fits of many steps.
 
         Raises:
             InputError: The taps cannot carry it, or an argument is out of range.

@@ -12,6 +12,7 @@ from math import inf
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError, NotConvergedError, check_numbers
+from ..progress import Progress, no_progress
 from ..threads import one_blas_thread
 from .generic import source
 
@@ -132,7 +133,14 @@ def row(name: str) -> "Row":
     return import_module(".shared_gain", __package__).ROW if in_states else measurement_model(kind).row
 
 
-def fit_model(name: str, taps: "TapSet", grid: "ClassGrid", settings: "FitSettings", trained_on: str = "") -> "Fitted":
+def fit_model(
+    name: str,
+    taps: "TapSet",
+    grid: "ClassGrid",
+    settings: "FitSettings",
+    trained_on: str = "",
+    progress: Progress = no_progress,
+) -> "Fitted":
     """Fitted measurement model, with its posterior and convergence.
 
     Args:
@@ -141,6 +149,7 @@ def fit_model(name: str, taps: "TapSet", grid: "ClassGrid", settings: "FitSettin
         grid: The classes.
         settings: How.
         trained_on: Description of the training taps.
+        progress: Called with the name of a stage and its number of steps; returns the function that advances it.
 
     Raises:
         InputError: The model is unknown, the taps are not sufficient, or an argument is out of range.
@@ -149,16 +158,22 @@ def fit_model(name: str, taps: "TapSet", grid: "ClassGrid", settings: "FitSettin
     kind, in_states = split_name(name)
     settings = _checked(settings, taps)
     with one_blas_thread():
-        fitted = measurement_model(kind).fit(taps, grid, settings, trained_on)
+        fitted = measurement_model(kind).fit(taps, grid, settings, trained_on, progress)
     if not (fitted.convergence.converged or settings.unconverged):
         told = f"{fitted.convergence.sentence} {fitted.convergence.warning}".rstrip()
-        raise NotConvergedError(f"{name} did not converge: {told} Use it anyway with --allow-unconverged.")
+        more = " Allow more steps with --steps (steps=)." if takes_steps(kind, settings) else ""
+        raise NotConvergedError(f"{name} did not converge: {told}{more} Use it anyway with --allow-unconverged.")
     if settings.integrate:
         fitted = fitted.integrated(settings.integrate, settings.seed)
     if not in_states:
         return fitted
     session = import_module(".shared_gain", __package__)
     return session.with_shared_gain(fitted, taps, grid, settings.gain_sd, settings.offset_sd)
+
+
+def takes_steps(kind: str, settings: "FitSettings") -> bool:
+    """Whether the number of steps of a fit can be set: for models of users, and for chains."""
+    return kind not in KINDS or settings.method == "nuts"
 
 
 def suited(name: str, settings: "FitSettings") -> "FitSettings":

@@ -24,6 +24,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from ..grid import ClassGrid
+from ..progress import Progress, no_progress
 from ..settings import FitSettings
 from ..taps import TapSet
 from .fits.posterior import Posterior, Prior, SamplePosterior, Sites
@@ -92,7 +93,14 @@ class Story:
     covered: Callable[[NDArray[np.bool_]], NDArray[np.bool_]] | None = None
     own_threads: bool = False
 
-    def fit(self, taps: TapSet, grid: ClassGrid, settings: FitSettings, trained_on: str = "") -> Fitted:
+    def fit(
+        self,
+        taps: TapSet,
+        grid: ClassGrid,
+        settings: FitSettings,
+        trained_on: str = "",
+        progress: Progress = no_progress,
+    ) -> Fitted:
         """Model fitted to training taps.
 
         Raises:
@@ -102,7 +110,8 @@ class Story:
         self.check(self.name, known)
         scaling = Scaling.of(known, kept["edges"])
         least = least_deviation(kept["edges"], len(scaling.unit)) / scaling.unit
-        posterior, basis = self._posterior(scaling.scaled(known)._replace(least=least), used, grid, settings)
+        scaled = scaling.scaled(known)._replace(least=least)
+        posterior, basis = self._posterior(scaled, used, grid, settings, progress)
         if self.covered is not None:
             kept["covered"] = self.covered(kept["covered"])
         left_out = grid.untouched(kept["covered"])
@@ -112,24 +121,33 @@ class Story:
         return Fitted(model, posterior, posterior.convergence())
 
     def _posterior(
-        self, scaled: Taps, used: TapSet, grid: ClassGrid, settings: FitSettings
+        self, scaled: Taps, used: TapSet, grid: ClassGrid, settings: FitSettings, progress: Progress
     ) -> tuple[Posterior, NDArray[np.float64]]:
         """Posterior and basis; for chains too, the basis is that of the fast fit."""
         posterior = self.closed(scaled)
         basis = _NO_BASIS if self.basis is None else self.basis(posterior, used, grid, scaled.where)
         if settings.method == "nuts":
-            chains = self.sample(scaled, self.arguments(scaled, posterior), settings.seed)
+            chains = self.sample(scaled, self.arguments(scaled, posterior), settings.seed, settings.steps, progress)
             posterior = chains._replace(given=self.arguments(scaled.first(), posterior))
         return posterior, basis
 
-    def sample(self, taps: Taps, arguments: dict[str, Any], seed: int) -> SamplePosterior:
+    def sample(
+        self,
+        taps: Taps,
+        arguments: dict[str, Any],
+        seed: int,
+        steps: int | None = None,
+        progress: Progress = no_progress,
+    ) -> SamplePosterior:
         """Posterior by NUTS from scaled training taps, given the other arguments of the generative model."""
         from .fits import nuts
 
         shared = {name for name, dims in self.dims.items() if "where" not in dims}
         trained, over_grid = nuts.trained_only(taps, shared) if self.trained_only else (taps, lambda sites: sites)
         told = trained.under(self.story, **arguments)
-        return nuts.sample_story(told, lambda sites: over_grid(self.parameters_of(sites)), seed)
+        return nuts.sample_story(
+            told, lambda sites: over_grid(self.parameters_of(sites)), seed, steps, progress, self.name
+        )
 
     def prior(self, posterior: Any, shape: tuple[int, int, int, int]) -> Prior:
         """Prior of the parameters for taps of shape (L, M, J, K), given what the fit found that all classes share."""

@@ -82,6 +82,11 @@ def test_a_function_is_compared_with_a_built_in_model(run, monkeypatch, sketched
         ("fit session-0.nc --model none.py:walk --out a.nc", "none.py: no such file"),
         ("compare session-0.nc session-1.nc --models gaussian,my_models.py:wlak", "my_models.py: no function 'wlak'"),
         ("fit session-0.nc --model gaussian --fit svi --out a.nc", "--fit svi"),
+        ("fit session-0.nc --model gaussian --steps 900 --out a.nc", "--steps"),
+        (
+            "fit session-0.nc --model my_models.py:walk --steps 9 --out a.nc",
+            "--steps must be an integer of at least 50",
+        ),
         ("fit session-0.nc --model histogram --fit map --out a.nc", "--fit map"),
     ],
 )

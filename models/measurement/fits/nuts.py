@@ -5,29 +5,31 @@ stories that have none and, beside fits that approximate, shows what that costs.
 """
 
 from collections.abc import Callable, Container
+from functools import partial
 from typing import Any
 
 import jax
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
-from numpyro.infer import MCMC, NUTS
+from numpyro.infer import NUTS
 
+from ...progress import Progress, no_progress
 from ...seeds import Purpose, derived_seed
 from .posterior import SamplePosterior, Sites
 from .priors import Taps
 
-CHAINS, WARM_UP, DRAWS = 4, 500, 250
+CHAINS, STEPS = 4, 750
+"""Chains, and steps of each, of which two thirds adapt the sampler and are thrown away."""
 
 
 def sample_story(
     story: Callable[[], None],
     convert: Callable[[Sites], Sites],
     seed: int = 0,
-    *,
-    chains: int = CHAINS,
-    warm_up: int = WARM_UP,
-    draws: int = DRAWS,
+    steps: int | None = None,
+    progress: Progress = no_progress,
+    name: str = "NUTS",
 ) -> SamplePosterior:
     """Posterior draws of a generative model.
 
@@ -35,28 +37,35 @@ def sample_story(
         story: Generative model of known taps.
         convert: From the sites of the story, with chain and draw in front, to the parameters of its form.
         seed: Random seed of the chains.
-        chains: How many.
-        warm_up: Draws of each that are thrown away.
-        draws: Draws of each that are kept.
+        steps: Steps of each chain; default `STEPS`.
+        progress: Called with the name of a stage and its number of steps; returns the function that advances it.
+        name: Name of the model.
     """
     import arviz as az
 
+    steps = STEPS if steps is None else steps
+    warm_up, advance = 2 * steps // 3, progress(f"{name}, steps of chains", steps)
     with jax.enable_x64(True):
-        sampler = MCMC(
-            NUTS(story),
-            num_warmup=warm_up,
-            num_samples=draws,
-            num_chains=chains,
-            chain_method="vectorized",
-            progress_bar=False,
-        )
-        sampler.run(jax.random.key(derived_seed(seed, Purpose.CHAINS)))
-        sites = {name: np.asarray(values) for name, values in sampler.get_samples(group_by_chain=True).items()}
-        diverging = int(np.asarray(sampler.get_extra_fields()["diverging"]).sum())
+        kernel = NUTS(story)
+        keys = jax.random.split(jax.random.key(derived_seed(seed, Purpose.CHAINS)), CHAINS)
+        state: Any = kernel.init(keys, warm_up, None, (), {})
+
+        # Step by step, as no signal is handled while a compiled program runs.
+        forward = jax.jit(lambda state: kernel.sample(state, (), {}))
+        kept = []
+        for number in range(steps):
+            state = forward(state)
+            seen = jax.tree.map(np.asarray, (state.z, state.diverging))
+            if number >= warm_up:
+                kept.append(seen)
+            advance(1)
+        free, diverged = jax.tree.map(lambda *each: np.stack(each, axis=1), *kept)
+        found = jax.lax.map(partial(jax.lax.map, kernel.postprocess_fn((), {})), free)
+        sites = {name: np.asarray(values) for name, values in found.items()}
     flat = az.from_dict({"posterior": {name: values for name, values in sites.items() if values.size}})
     posterior: Any = flat["posterior"].dataset
     stats = {"r_hat": _worst(az.rhat(posterior), np.nanmax), "ess": _worst(az.ess(posterior), np.nanmin)}
-    return SamplePosterior(convert(sites), {**stats, "divergences": float(diverging)})
+    return SamplePosterior(convert(sites), {**stats, "divergences": float(diverged.sum())})
 
 
 def _worst(diagnostic: xr.Dataset, pick: Callable[[NDArray[np.float64]], float]) -> float:

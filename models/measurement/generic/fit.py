@@ -20,6 +20,7 @@ from numpyro.infer.util import constrain_fn, unconstrain_fn
 from numpyro.optim import Adam
 
 from ...errors import InputError
+from ...progress import Progress, no_progress
 from ...seeds import Purpose, derived_seed, generator
 from ..fits.nuts import sample_story
 from ..fits.posterior import Convergence, SamplePosterior
@@ -110,6 +111,8 @@ class Fit(NamedTuple):
         batch: The training taps' classes.
         samples: Their samples in the units of the model, shape (N, J, K).
         seed: Random seed.
+        steps: Steps of the fit at most; default as `posterior` says.
+        progress: Called with the name of a stage and its number of steps; returns the function that advances it.
     """
 
     story: StoryFunction
@@ -117,6 +120,8 @@ class Fit(NamedTuple):
     batch: StoryCall
     samples: NDArray[np.float64]
     seed: int
+    steps: int | None = None
+    progress: Progress = no_progress
 
     def run(self, samples: Any) -> Any:
         """The model on the training taps."""
@@ -133,7 +138,8 @@ def posterior(fit: Fit, method: str) -> GuidePosterior | ChainPosterior:
 
     Args:
         fit: What to fit.
-        method: `svi`, `nuts`, `map` or `laplace`.
+        method: `svi`, `nuts`, `map` or `laplace`. Chains take `nuts.STEPS` steps by default; the others at most `RUNS`
+            runs of `STEPS` steps, or as many whole runs as hold the steps given.
 
     Raises:
         InputError: The model fails, its density is nowhere finite, or there are too many latent variables for
@@ -193,27 +199,33 @@ def _guided(fit: Fit, method: str) -> GuidePosterior:
     # One program for every run: `svi.run` compiles at each call.
     forward = jax.jit(lambda state, data: jax.lax.scan(lambda s, _: svi.update(s, data), state, length=_AT_ONCE))
 
+    starts = STARTS if method == "svi" else 1
+    most = RUNS if fit.steps is None else -(-fit.steps // STEPS)
+    left = starts * TRIED + most * STEPS
+    advance = fit.progress(f"{fit.story.name}, steps", left)
+
     def run(steps: int, state: Any) -> tuple[Any, NDArray[np.float64]]:
+        nonlocal left
         losses = []
         for _ in range(steps // _AT_ONCE):
             state, more = forward(state, data)
-            losses.append(np.asarray(more, dtype=np.float64) / N)
+            losses.append(np.asarray(more, dtype=np.float64) / N)  # waits for the result, so a signal is handled here
+            left -= _AT_ONCE
+            advance(_AT_ONCE)
         return state, np.concatenate(losses)
 
-    keys = [
-        jax.random.key(derived_seed(fit.seed, Purpose.CHAINS, number))
-        for number in range(STARTS if method == "svi" else 1)
-    ]
+    keys = [jax.random.key(derived_seed(fit.seed, Purpose.CHAINS, number)) for number in range(starts)]
     begun = [run(TRIED, begin(key)) for key in keys]
     ends = [float(losses[-_WINDOW:].mean()) for _, losses in begun]
     if not np.isfinite(ends).any():
         raise InputError(f"The log density of {fit.story.name} is not finite at any start; check scales and supports.")
     state, losses = begun[int(np.nanargmin(ends))]
     still, change, runs = max(_STILL, _PER_SAMPLE * J * K), np.inf, 0
-    while change > still and runs < RUNS:
+    while change > still and runs < most:
         state, more = run(STEPS, state)
         losses, runs = np.append(losses, more), runs + 1
         change = _change(losses)
+    advance(left)
     params = svi.get_params(state)
     told = _told(method, change, still, losses, ends)
     if isinstance(guide, AutoNormal | AutoDelta | AutoLaplaceApproximation):
@@ -275,6 +287,9 @@ def _chains(fit: Fit) -> ChainPosterior:
         partial(fit.run, jax.numpy.asarray(fit.samples)),
         lambda sites: {name: sites[name] for name in fit.names},
         fit.seed,
+        fit.steps,
+        fit.progress,
+        fit.story.name,
     )
     flat = {name: values.reshape(-1, *values.shape[2:]) for name, values in chains.samples.items()}
     return ChainPosterior(_centre(fit, flat), chains)

@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from ...errors import InputError
+from ...progress import Progress, no_progress
 from ...seeds import Purpose, generator
 from ...settings import FitSettings
 from ..fitted_parameters import ModelOfParameters, training
@@ -45,7 +46,14 @@ class GenericStory:
         """Its own first sentence."""
         return Row("as its author says", self.function.sentence)
 
-    def fit(self, taps: "TapSet", grid: "ClassGrid", settings: FitSettings, trained_on: str = "") -> Fitted:
+    def fit(
+        self,
+        taps: "TapSet",
+        grid: "ClassGrid",
+        settings: FitSettings,
+        trained_on: str = "",
+        progress: Progress = no_progress,
+    ) -> Fitted:
         """Model fitted to training taps.
 
         Raises:
@@ -66,7 +74,15 @@ class GenericStory:
         structure = structure_of(self.function, batch)
         session = np.unique(used.session, return_inverse=True)[1]
         full = replace(batch, where=known.where, what=known.what, session=session)
-        fit = Fit(self.function, structure, full, scaling.scaled(known).samples, settings.seed)
+        fit = Fit(
+            self.function,
+            structure,
+            full,
+            scaling.scaled(known).samples,
+            settings.seed,
+            settings.steps,
+            progress,
+        )
         warning = check_prior(fit)
         found: Posterior = posterior(fit, "svi" if settings.method == "closed" else settings.method)
         model = GenericModel(

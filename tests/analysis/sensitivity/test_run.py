@@ -11,7 +11,6 @@ import pytest
 from rich.console import Console
 from solidtouch.analysis.experiment.sources import Source, recorded_source, simulated_source
 from solidtouch.analysis.page.numbers import STORED_ONLY
-from solidtouch.analysis.page.stages import no_progress
 from solidtouch.analysis.page.terminal import show
 from solidtouch.analysis.sensitivity import figures as figure_sensitivity
 from solidtouch.analysis.sensitivity import summary as sensitivity_summary
@@ -29,6 +28,7 @@ from solidtouch.hardware.simulator.settings import PAPER_RODS, preset
 from solidtouch.inference.trials.records import tap_table
 from solidtouch.models.errors import InputError
 from solidtouch.models.measurement.histogram import fit
+from solidtouch.models.progress import no_progress
 from solidtouch.models.splits import Fold
 
 RIG = replace(preset("paper"), rods=PAPER_RODS[:3], start_mm=2.0, end_mm=10.0, spacing_mm=0.125)

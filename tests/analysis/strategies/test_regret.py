@@ -5,7 +5,6 @@ import json
 import numpy as np
 import pytest
 from solidtouch.analysis.page.html import render_page
-from solidtouch.analysis.page.stages import no_progress
 from solidtouch.analysis.strategies import regret, regret_cases
 from solidtouch.analysis.strategies.figures_regret import regret as regret_figure
 from solidtouch.analysis.strategies.figures_regret import shown
@@ -40,6 +39,7 @@ from solidtouch.inference.stopping.stopping import after, lookahead, what_above
 from solidtouch.inference.trials.lockstep import play
 from solidtouch.inference.trials.records import plan_trials
 from solidtouch.models.errors import InputError
+from solidtouch.models.progress import no_progress
 
 TINY = ProblemSize("5mm", range(3), (1, 3), 1, 4, 4)
 SETTINGS = RegretSettings(40, 1, 1)

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from solidtouch.analysis.page.html import render_page
 from solidtouch.analysis.page.numbers import STORED_ONLY
-from solidtouch.analysis.page.stages import no_progress
 from solidtouch.analysis.stats.resampled_units import RESAMPLES
 from solidtouch.analysis.strategies import figures as figure_strategies
 from solidtouch.analysis.strategies import run as strategies_run
@@ -32,6 +31,7 @@ from solidtouch.hardware.simulator.settings import PAPER_RODS, preset
 from solidtouch.inference.information import tap_outcomes
 from solidtouch.models.errors import InputError
 from solidtouch.models.measurement.histogram import fit
+from solidtouch.models.progress import no_progress
 
 RIG = replace(preset("paper"), rods=PAPER_RODS[:3], start_mm=2.0, end_mm=10.0, spacing_mm=0.125)
 FEW = ("passive", "random", BASE, "info-what", "info-what-per-mm", "table")

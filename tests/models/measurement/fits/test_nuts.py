@@ -32,10 +32,17 @@ def test_diagnostics_are_the_worst_of_all_sites(rng):
         return over_grid(sites)
 
     told = trained.under(profile.story, prior=profile.fit(taps).prior)
-    posterior = sample_story(told, keep, seed=3, warm_up=100, draws=50)
+    bars = []
 
+    def progress(name, steps):
+        bars.append([f"{name}: {steps}"])
+        return bars[-1].append
+
+    posterior = sample_story(told, keep, 3, 160, progress, "profile")
+
+    assert bars == [["profile, steps of chains: 160", *[1] * 160]]
     assert trained.shape == (3, 1)
-    assert {values.shape for values in posterior.samples.values()} == {(4, 50, L, M, J, K)}
+    assert {values.shape for values in posterior.samples.values()} == {(4, 54, L, M, J, K)}
     data = az.from_dict({"posterior": kept})["posterior"].dataset
     assert posterior.stats["r_hat"] == pytest.approx(max(float(v.max()) for v in az.rhat(data).data_vars.values()))
     assert posterior.stats["ess"] == pytest.approx(min(float(v.min()) for v in az.ess(data).data_vars.values()))

@@ -22,6 +22,7 @@ from solidtouch.models.measurement.generic.contract import StoryFunction, measur
 from solidtouch.models.measurement.likelihood.bins import TableForm
 from solidtouch.models.measurement.likelihood.story_likelihood import log_likelihoods
 from solidtouch.models.measurement.registry import fit_model, model_name
+from solidtouch.models.progress import no_progress
 from solidtouch.models.settings import FitSettings
 from solidtouch.models.threads import one_blas_thread
 
@@ -49,9 +50,9 @@ def _few_steps():
         yield
 
 
-def quick(story, taps, **more):
+def quick(story, taps, progress=no_progress, **more):
     settings = FitSettings(**{"method": "map", "bins": B, "unconverged": True, "power": "none", **more})
-    return fit_model(story if isinstance(story, str) else model_name(story), taps, taps.grid(), settings)
+    return fit_model(story if isinstance(story, str) else model_name(story), taps, taps.grid(), settings, "", progress)
 
 
 def near_the_taps(fit, _):
@@ -451,17 +452,24 @@ def test_another_function_of_the_same_file_is_not_taken_for_the_fitted_one(in_fi
 def test_the_best_start_goes_on_until_the_loss_is_still(taps, monkeypatch):
     """Of two starts the first is the better one at this seed; more runs follow only where the loss still changes.
 
-    What is drawn lies around the centre and follows its seed.
+    What is drawn lies around the centre and follows its seed. Progress is full at the end.
     """
-    found = []
+    found, bars = [], []
+
+    def progress(name, steps):
+        bars.append((f"{name}: {steps}", []))
+        return bars[-1][1].append
+
     for starts, still in ((1, 0.0), (2, 1e9)):
-        for name, value in {"STARTS": starts, "_STILL": still, "_PER_SAMPLE": 0.0, "RUNS": 2}.items():
+        for name, value in {"STARTS": starts, "_STILL": still, "_PER_SAMPLE": 0.0}.items():
             monkeypatch.setattr(fits, name, value)
-        fit = quick(alike, taps, method="svi", seed=1)
+        fit = quick(alike, taps, progress, method="svi", seed=1, steps=80)
         found.append((fit.convergence.converged, fit.convergence.stats["loss"]))
     (moving, long), (still, short) = found
 
     assert (moving, still, len(long), len(short)) == (False, True, 20 + 2 * 40, 20 + 40)
+    assert [(name, sum(done)) for name, done in bars] == [("alike, steps: 100", 100), ("alike, steps: 120", 120)]
+    assert bars[0][1] == [20] * 5 + [0]
     assert long[-10:].mean() < long[:10].mean() - 0.2
     np.testing.assert_array_equal(short, long[: len(short)])
     draws = [fit.posterior.draw(np.random.default_rng(seed))["loc"] for seed in (1, 1, 2)]
@@ -608,5 +616,5 @@ def test_a_prior_far_from_the_taps_is_told_of_a_fit_that_did_not_converge(taps):
     lost = fits.Convergence(False, "Lost.", {})
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(fits, "posterior", lambda *given: near_the_taps(*given)._replace(told=lost))
-        with pytest.raises(NotConvergedError, match=r"did not converge: Lost\. The prior of .* Use it anyway"):
+        with pytest.raises(NotConvergedError, match=r"not converge: Lost\. The prior of .* more .*--steps .* Use it"):
             quick(wide, taps, unconverged=False)
