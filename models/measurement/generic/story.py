@@ -118,10 +118,18 @@ class GenericStory:
 
 
 def batch_of(grid: "ClassGrid", preprocessing: Any, K: int) -> StoryCall:
-    """Arguments of a generative model for taps of this kind, with no tap."""
+    """Arguments of a generative model for taps of this kind, with no tap.
+
+    Values are arrays of JAX, as those of NumPy cannot be indexed by classes that are traced.
+    """
+    import jax
+    import jax.numpy as jnp
+
     none, J, rate = np.zeros(0, dtype=np.intp), preprocessing.samples, preprocessing.rate_hz
     times = None if rate is None else np.arange(J) / rate
-    return StoryCall(none, none, (*grid.shape, J, K), grid.where_value, grid.what_value, none, times)
+    with jax.enable_x64(True):
+        where, what, times = jax.tree.map(jnp.asarray, (grid.where_value, grid.what_value, times))
+    return StoryCall(none, none, (*grid.shape, J, K), where, what, none, times)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -4,6 +4,7 @@ A wrong site is refused here, in one sentence, before a fit spends time on it.
 """
 
 import inspect
+from dataclasses import replace
 from traceback import extract_tb
 from typing import Any, NamedTuple
 
@@ -11,6 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import numpyro
+from jax import errors
 from numpyro.distributions import ImproperUniform, biject_to
 from numpyro.handlers import seed, substitute, trace
 
@@ -108,20 +110,24 @@ class _Traced(NamedTuple):
 
 
 def _traced(story: StoryFunction, batch: StoryCall, n: int) -> _Traced:
-    """Traces a generative model on n made-up taps, so that none of its operations is compiled."""
+    """Traces a generative model on n made-up taps, so that none of its operations is compiled.
+
+    Classes are traced, too, as they are where taps are judged under all of them.
+    """
     seen: dict[str, Any] = {}
 
-    def observed(taps: Any) -> tuple[Any, list[Any]]:
-        sites = trace(substitute(seed(story, 0), substitute_fn=_feasible)).get_trace(batch, taps)
+    def observed(taps: Any, where: Any, what: Any) -> tuple[Any, list[Any]]:
+        made = replace(batch, where=where, what=what)
+        sites = trace(substitute(seed(story, 0), substitute_fn=_feasible)).get_trace(made, taps)
         site = _observed(story, sites, batch.shape, n)
         seen.update(sites=sites, measure=measure_of(site["fn"]), alike=_is_alike(site))
         return site["value"], jax.tree.leaves(peeled(site["fn"]))
 
     probe = _probe(batch, n)
     try:
-        with numpyro.validation_enabled(False):
-            program = jax.make_jaxpr(observed)(probe).jaxpr
-            value = jax.jit(lambda taps: observed(taps)[0])(probe)
+        with jax.enable_x64(True), numpyro.validation_enabled(False):
+            program = jax.make_jaxpr(observed)(probe, batch.where, batch.what).jaxpr
+            value = jax.jit(lambda *made: observed(*made)[0])(probe, batch.where, batch.what)
     except InputError:
         raise
     except Exception as error:  # whatever a user's function raises
@@ -139,7 +145,7 @@ def _feasible(site: dict[str, Any]) -> Any:
 
 def _looks_back(program: Any) -> bool:
     """Whether a parameter of the observed distribution, any result but the first, is made from the samples."""
-    reached = set(map(id, program.invars))
+    reached = {id(program.invars[0])}
     for operation in program.eqns:
         if not reached.isdisjoint(map(id, operation.invars)):
             reached.update(map(id, operation.outvars))
@@ -151,6 +157,10 @@ def told_in(story: StoryFunction, error: Exception) -> str:
     file = inspect.getsourcefile(story.code)
     lines = [frame.lineno for frame in extract_tb(error.__traceback__) if frame.filename == file]
     place = f", line {lines[-1]} of its file" if lines else ""
+    if isinstance(error, errors.TracerArrayConversionError | errors.TracerIntegerConversionError):
+        return f"{place}: NumPy cannot compute with values that JAX traces; use jax.numpy, also for arrays to index."
+    if isinstance(error, errors.ConcretizationTypeError | errors.NonConcreteBooleanIndexError):
+        return f"{place}: a condition, size or number depends on values that JAX traces; use jnp.where or the like."
     return f"{place}: {type(error).__name__}: {(str(error).splitlines() or [''])[0]}"
 
 

@@ -12,6 +12,7 @@ from solidtouch.models.errors import InputError
 from solidtouch.models.measurement import profile_mvn
 from solidtouch.models.measurement.generic import source
 from solidtouch.models.measurement.generic.contract import StoryCall, StoryFunction, measurement_model
+from solidtouch.models.measurement.generic.story import batch_of
 from solidtouch.models.measurement.generic.structure import structure_of
 
 L, M, J, K = 3, 2, 5, 4
@@ -117,6 +118,18 @@ def test_arguments_that_are_named_are_filled_in():
     assert (len(seen["time_s"]), seen["width"]) == (J, 2.0)
 
 
+def test_values_of_positions_are_taken_by_class(make_taps):
+    """Also where classes are traced, to judge taps under all of them; NumPy may compute with the values."""
+
+    def sloped(where, what, taps=None, *, J, K, where_value):
+        slope = numpyro.sample("slope", dist.Normal(0.0, np.ptp(where_value)))
+        with numpyro.plate("tap", len(where), dim=-3), numpyro.plate("J", J, dim=-2), numpyro.plate("K", K, dim=-1):
+            numpyro.sample("taps", dist.Normal(slope * where_value[where][:, None, None], 1.0), obs=taps)
+
+    taps = make_taps(J=J, K=K)
+    assert structure_of(StoryFunction.of(sloped, "s"), batch_of(taps.grid(), taps.preprocessing, K)).measure == "bins"
+
+
 @pytest.mark.parametrize(
     ("name", "missing"), [("what_value", "the objects have no sizes"), ("time_s", "sampling rate is unknown")]
 )
@@ -175,6 +188,17 @@ def lacks_a_part(where, what, taps=None):
     raise NotImplementedError("a part")
 
 
+def centred(of):
+    """A story whose samples have the mean `of(where, own)`."""
+
+    def story(where, what, taps=None, *, J, K):
+        own = numpyro.sample("own", dist.Normal(0.0, 1.0))
+        with numpyro.plate("tap", len(where), dim=-3), numpyro.plate("J", J, dim=-2), numpyro.plate("K", K, dim=-1):
+            numpyro.sample("taps", dist.Normal(of(where, own), 1.0), obs=taps)
+
+    return story
+
+
 flat = dist.ImproperUniform(dist.constraints.real, (), ())
 
 
@@ -192,6 +216,10 @@ flat = dist.ImproperUniform(dist.constraints.real, (), ())
         (shared(flat.expand([K]).to_event(1).mask(False)), "'own' of story has no proper prior"),
         (lacks_a_part, r"failed when it was tried on 2 taps, line \d+ of its file: NotImplementedError: a part"),
         (fails, r"failed when it was tried on 2 taps, line \d+ of its file: KeyError: 'a key'"),
+        (centred(lambda _, own: np.exp(own)), "of its file: NumPy cannot compute with values that JAX traces"),
+        (centred(lambda where, _: np.arange(L)[where][:, None, None]), "use jax.numpy, also for arrays to index"),
+        (centred(lambda _, own: 0.0 if own > 0 else 1.0), "a condition, size or number depends on values that JAX"),
+        (centred(lambda where, own: (own + where)[where > 0]), "use jnp.where or the like"),
     ],
 )
 def test_a_function_that_cannot_be_a_model_is_refused(story, message):
