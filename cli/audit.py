@@ -33,7 +33,9 @@ def audit(
         ),
     ] = None,
     division: Annotated[Division, Fields(*CELLS, "training_taps")] = Division(),
-    fit: Annotated[FitSettings, Fields("bins", "pseudocount", "value_range", power=Exponent)] = FitSettings(),
+    fit: Annotated[
+        FitSettings, Fields("bins", "pseudocount", "value_range", "method", "steps", "unconverged", power=Exponent)
+    ] = FitSettings(),
     play: Annotated[
         PlaySettings,
         Fields("threshold", "theta_x", "fixation", "deadline", "border", passive=_Passive),
@@ -50,6 +52,13 @@ def audit(
         list[str] | None,
         Option(
             "--covariate", metavar="NAME", help="Extra array of the files to test as a cause of dependence; repeatable."
+        ),
+    ] = None,
+    models: Annotated[
+        str | None,
+        Option(
+            metavar="MODEL,...",
+            help="Further models to measure as remedies, separated by commas, such as gaussian,my_models.py:walk.",
         ),
     ] = None,
     permutations: Annotated[int, Option(min=99, max=10**6, help="Permutations per test.")] = 999,
@@ -72,6 +81,7 @@ def audit(
             play=play,
             pre=pre,
             covariates=covariate or (),
+            models=[name.strip() for name in models.split(",")] if models else (),
             permutations=permutations,
             trials=trials,
             seed=seed,

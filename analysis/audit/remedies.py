@@ -15,7 +15,7 @@ from ...models.errors import InputError
 from ...models.grid import ClassGrid
 from ...models.measurement.histogram import trim
 from ...models.measurement.model import TapModel
-from ...models.measurement.registry import fit_model
+from ...models.measurement.registry import fit_model, row, suited
 from ...models.setting_file import Setting
 from ...models.settings import FitSettings
 from ...models.taps import TapSet
@@ -96,8 +96,11 @@ def make_remedies(
     n: int,
     seed: int,
     advance: Callable[[int], None],
+    models: Sequence[str] = (),
 ) -> tuple[list[Remedy], list[RefusedRemedy]]:
     """The setting as it is and every remedy that the taps allow, fitted and tuned; the setting as it is comes first.
+
+    Further `models` are remedies of their own names.
 
     Raises:
         InputError: The setting as it is cannot be fitted.
@@ -143,7 +146,7 @@ def make_remedies(
 
     attempt(EXPONENT, exponent)
     attempt(FALLING, falling)
-    for name in MODELS:
+    for name in (*MODELS, *models):
         if _model_of(name, train)[0] == setting.model:
             advance(1)
         else:
@@ -193,16 +196,19 @@ def beside_right(
     return [remedy._replace(beside=beside.get(remedy.name)) for remedy in remedies]
 
 
-def count_remedies() -> int:
+def count_remedies(models: Sequence[str] = ()) -> int:
     """How often `make_remedies` reports progress."""
-    return 4 + len(MODELS)
+    return 4 + len(MODELS) + len(models)
 
 
 def _model_of(name: str, train: TapSet) -> tuple[str, str, str]:
     """The model of a remedy, what it does, and what it still assumes."""
     if name == "taxel covariance" and train.dataset.sizes["taxel"] > _MANY_TAXELS:
         return _FOR_MANY
-    return MODELS[name]
+    if name in MODELS:
+        return MODELS[name]
+    relaxes, how = row(name)
+    return name, how, relaxes
 
 
 def _assumes(setting: Setting) -> str:
@@ -216,8 +222,13 @@ def _fit(setting: Setting, train: TapSet, grid: ClassGrid) -> TapModel:
         pseudocount=setting.fit.pseudocount,
         power=setting.fit.power,
         value_range=setting.fit.value_range,
+        method=setting.fit.method,
+        unconverged=setting.fit.unconverged,
+        steps=setting.fit.steps,
+        seed=setting.fit.seed,
     )
-    return _powered(fit_model(setting.model, train, grid, settings, "the training taps of an audit").model, setting)
+    used = suited(setting.model, settings)
+    return _powered(fit_model(setting.model, train, grid, used, "the training taps of an audit").model, setting)
 
 
 def _powered(model: TapModel, setting: Setting) -> TapModel:

@@ -12,6 +12,7 @@ from ...models.errors import InputError, check_counts
 from ...models.io.load import TapSource, names_of
 from ...models.measurement.histogram import trim
 from ...models.measurement.model import TapModel
+from ...models.measurement.registry import AnyModel, model_names
 from ...models.progress import Progress, no_progress
 from ...models.setting_file import Setting
 from ...models.settings import Division, FitSettings, PlaySettings
@@ -131,6 +132,7 @@ def audit(
     play: PlaySettings = PlaySettings(),
     pre: int | None = None,
     covariates: Sequence[str] = (),
+    models: AnyModel | Sequence[AnyModel] = (),
     permutations: int = 999,
     trials: int = 4000,
     seed: int = 0,
@@ -148,6 +150,8 @@ def audit(
         play: How perception is done now.
         pre: Samples at the beginning of each tap that precede contact; `None` for what the taps record.
         covariates: Extra arrays of the taps that are suspected as causes.
+        models: Further models to measure as remedies: names, see docs/reference/models.md, or NumPyro functions, see
+            docs/how-to/your-own-model.md.
         permutations: Permutations of every test.
         trials: Trials of each remedy and policy.
         seed: Random seed.
@@ -167,14 +171,17 @@ def audit(
     ):
         if number < least:
             raise InputError(f"{name} must be {least} or more, got {number}.")
+    names = model_names(models)
     parts, grid = load_parts(data, division)
     grid, dropped = trim(grid, [parts.train])
     check_fixation(play.fixation, grid.L)
+    fit = fit.changed(seed=seed)
     settings = AuditSettings(
         setting=Setting(fit=fit, where_cell=division.where_cell, what_cell=division.what_cell, play=play),
         target_error=target_error,
         pre=pre,
         covariates=tuple(covariates),
+        models=tuple(names),
         permutations=permutations,
         trials=trials,
         seed=seed,

@@ -53,6 +53,7 @@ class AuditSettings:
     target_error: float | None = None
     pre: int | None = None
     covariates: tuple[str, ...] = ()
+    models: tuple[str, ...] = ()
     permutations: int = 999
     trials: int = 4000
     seed: int = 0
@@ -168,8 +169,10 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
     with clock.stage("Sampling variance components"):
         where, what = taps.indices(grid)
         components = variance_components(taps.taps, where * grid.M + what, taps.session, seed)
-    with clock.stage("Fitting remedies", count_remedies()) as advance:
-        remedies, refused = make_remedies(parts.train, parts.tune, grid, setting, SEQUENCE, seed, advance)
+    with clock.stage("Fitting remedies", count_remedies(settings.models)) as advance:
+        remedies, refused = make_remedies(
+            parts.train, parts.tune, grid, setting, SEQUENCE, seed, advance, settings.models
+        )
     with clock.stage("Tuning on taps of a correct model", RIGHT_EXPONENTS) as advance:
         remedies = beside_right(remedies, parts.train, parts.tune, SEQUENCE, seed, advance)
     base = remedies[0]

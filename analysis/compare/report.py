@@ -14,7 +14,7 @@ from ...models.grid import ClassGrid
 from ...models.io.load import TapSource, names_of
 from ...models.measurement.histogram import trim
 from ...models.measurement.model import TapModel
-from ...models.measurement.registry import NAMES, AnyModel, measurement_model, model_names, split_name
+from ...models.measurement.registry import NAMES, AnyModel, model_names
 from ...models.progress import Progress, no_progress
 from ...models.settings import Division, FitSettings, PlaySettings
 from ...models.splits import Split, load_experiment
@@ -80,7 +80,7 @@ class ComparisonReport(StudyReport):
 
 def compare(
     *data: TapSource,
-    models: Sequence[AnyModel] = NAMES,
+    models: AnyModel | Sequence[AnyModel] = NAMES,
     division: Division = Division(),
     fit: FitSettings = FitSettings(),
     draws: int = 400,
@@ -118,9 +118,7 @@ def compare(
     """
     check_counts(trials=trials)
     check_counts(0, draws=draws, seed=seed)
-    names = model_names([models] if isinstance(models, str) or callable(models) else models)
-    for name in names:
-        measurement_model(split_name(name)[0])  # so that a typo is told before the study
+    names = model_names(models)
     parts, grid = load_experiment(data, division)
     if len(parts.folds) != 1:
         raise InputError(

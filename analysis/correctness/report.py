@@ -9,7 +9,7 @@ from ...inference.reference import ZeroEvidenceError
 from ...models.errors import InputError, check_counts
 from ...models.io.load import TapSource
 from ...models.measurement.histogram import trim
-from ...models.measurement.registry import PAPER, AnyModel, model_names, split_name
+from ...models.measurement.registry import PAPER, AnyModel, model_names
 from ...models.progress import Progress, no_progress
 from ...models.settings import Division, FitSettings, PlaySettings
 from ...models.splits import Split, load_experiment
@@ -52,7 +52,7 @@ class CrossCheckReport(Report):
 
 def crosscheck(
     *data: TapSource,
-    models: Sequence[AnyModel] = (PAPER,),
+    models: AnyModel | Sequence[AnyModel] = (PAPER,),
     division: Division = Division(),
     fit: FitSettings = FitSettings(),
     play: PlaySettings = PlaySettings(),
@@ -91,8 +91,6 @@ def crosscheck(
     check_counts(episodes=episodes, length=length)
     check_counts(0, sequence_taps=sequence_taps, seed=seed)
     names = model_names(models)
-    for name in names:
-        split_name(name)
     settings = ExperimentSettings(fit=fit.changed(seed=seed), play=play, seed=seed)
     split, grid = load_experiment(data, division)
     grid, _ = trim(grid, [fold.train for fold in split.folds])

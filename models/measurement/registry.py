@@ -94,13 +94,13 @@ def model_name(model: AnyModel) -> str:
     return model if isinstance(model, str) else register(model)
 
 
-def model_names(models: "Iterable[AnyModel]") -> list[str]:
-    """Names of models, as `model_name`.
+def model_names(models: "AnyModel | Iterable[AnyModel]") -> list[str]:
+    """Names of one or more models, as `model_name`, each looked up, so that a typo is told before a study.
 
     Raises:
-        InputError: As `register`, or two functions have the same name.
+        InputError: As `register`, two functions have the same name, or a model is unknown.
     """
-    models = list(models)
+    models = [models] if isinstance(models, str) or callable(models) else list(models)
     functions = {id(model): getattr(model, "__name__", "") for model in models if callable(model)}
     for name, count in Counter(functions.values()).items():
         if count > 1:
@@ -108,7 +108,10 @@ def model_names(models: "Iterable[AnyModel]") -> list[str]:
                 f"{count} functions are named {name!r}; register all but one under another name: "
                 'st.register(function, "my-model").'
             )
-    return [model_name(model) for model in models]
+    names = [model_name(model) for model in models]
+    for name in names:
+        measurement_model(split_name(name)[0])
+    return names
 
 
 def measurement_model(kind: str) -> "MeasurementModel":

@@ -4,8 +4,10 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+import numpyro
+import numpyro.distributions as dist
 import pytest
-from solidtouch.analysis.audit import remedy_scores
+from solidtouch.analysis.audit import remedies, remedy_scores
 from solidtouch.analysis.audit.remedies import BASELINE, FINER, MODELS, count_remedies, make_remedies
 from solidtouch.analysis.audit.remedy_scores import count_measurements, lost, measure
 from solidtouch.analysis.audit.verdict import worthwhile
@@ -15,12 +17,14 @@ from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.hardware.simulator.settings import PAPER_RODS, preset
 from solidtouch.inference.trials.resampling import USED_UP_SELECTED
 from solidtouch.models.errors import InputError
+from solidtouch.models.measurement.generic import fit, source
+from solidtouch.models.measurement.registry import register
 from solidtouch.models.setting_file import Setting
 
 RIG = replace(preset("paper"), rods=PAPER_RODS[:3], start_mm=6.0, end_mm=10.0, spacing_mm=0.125)
 SETTING = Setting.of(bins=40, threshold=0.9)
 TAPS = 4
-ALL = [BASELINE, "exponent", "falling exponent", *MODELS, FINER]
+ALL = [BASELINE, "exponent", "falling exponent", *MODELS, "gaussian", FINER]
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +37,9 @@ def sessions():
 def made(sessions):
     """Every remedy, those that are refused, and how often progress was told of."""
     told = []
-    remedies, refused = make_remedies(sessions[0], [sessions[1]], sessions[0].grid(), SETTING, TAPS, 0, told.append)
+    remedies, refused = make_remedies(
+        sessions[0], [sessions[1]], sessions[0].grid(), SETTING, TAPS, 0, told.append, ["gaussian"]
+    )
     return remedies, refused, sum(told)
 
 
@@ -55,7 +61,7 @@ def test_every_remedy_changes_one_thing(made):
     remedies, refused, told = made
     assert [remedy.name for remedy in remedies] == ALL
     assert refused == []
-    assert told == count_remedies()
+    assert told == count_remedies(["gaussian"])
     changes = {
         remedy.name: {
             name
@@ -69,9 +75,37 @@ def test_every_remedy_changes_one_thing(made):
     assert changes.pop("falling exponent") <= {"power", "saturation"}
     assert changes.pop(FINER) == {"where_cell"}
     assert all("model" in change and change <= {"model", "power"} for change in changes.values())
-    assert {name: MODELS[name][0] for name in MODELS} == {
-        remedy.name: remedy.setting.model for remedy in remedies if remedy.name in MODELS
+    assert {name: MODELS[name][0] for name in MODELS} | {"gaussian": "gaussian"} == {
+        remedy.name: remedy.setting.model for remedy in remedies if "model" in changes.get(remedy.name, ())
     }
+
+
+def test_a_function_is_fitted_as_the_setting_says_and_tuned(sessions, monkeypatch):
+    """Its table says what its first sentence says; one that cannot be fitted is refused."""
+
+    def level(where, what, taps=None, *, M, J, K):
+        """A level for each object."""
+        with numpyro.plate("M", M, dim=-2), numpyro.plate("K", K, dim=-1):
+            loc = numpyro.sample("loc", dist.Normal(0.0, 3.0))
+        with numpyro.plate("tap", len(where), dim=-3), numpyro.plate("J", J, dim=-2), numpyro.plate("K", K, dim=-1):
+            numpyro.sample("taps", dist.Normal(loc[what][:, None], 1.0), obs=taps)
+
+    def fails(where, what, taps=None): ...
+
+    monkeypatch.setattr(remedies, "MODELS", {})
+    monkeypatch.setattr(source, "_registered", {})
+    methods, posterior = [], fit.posterior
+    monkeypatch.setattr(fit, "posterior", lambda fit, method: methods.append(method) or posterior(fit, method))
+    setting = Setting(fit=SETTING.fit.changed(method="map"), play=SETTING.play)
+    names = [register(level), register(fails)]
+    train, tune = sessions[:2]
+    found, refused = make_remedies(train, [tune], train.grid(), setting, TAPS, 0, lambda _: None, names)
+
+    (own,) = (remedy for remedy in found if remedy.name == "level")
+    assert (own.title, own.model.name) == ("A level for each object", "level")
+    assert own.setting.fit.power != "J"
+    assert methods == ["map"]
+    assert [one.name for one in refused] == ["fails"]
 
 
 def test_models_are_at_the_power_that_their_setting_says(made):
