@@ -281,7 +281,8 @@ def _time_axis(axes: Axes, x: NDArray[Any], *, ticks: bool = False) -> None:
 def _keep_within(axes: Axes, data: xr.Dataset, name: str, dim: str, low: float, high: float) -> None:
     """Lets the y axis end at these values at most, and draws what lies beyond as triangles at its edges."""
     bottom, top = axes.get_ylim()
-    axes.set_ylim(max(bottom, low), min(top, high))
+    if low < high:  # with one class, guessing scores as well as can be
+        axes.set_ylim(max(bottom, low), min(top, high))
     for i, (model, style) in enumerate(_styles(data).items()):
         x, y = _beside(data[dim].values, i, data.sizes["model"]), data[name].sel(model=model).values
         for beyond, edge, marker in ((y < low) | np.isneginf(y), 0, "v"), ((y > high) | np.isposinf(y), 1, "^"):

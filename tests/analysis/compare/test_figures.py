@@ -221,6 +221,15 @@ def test_scores_far_below_guessing_do_not_flatten_the_others():
     assert first.get_ylim()[1] <= 0
 
 
+def test_scores_of_a_single_class_are_drawn():
+    """They are zero, as guessing is; what matplotlib warns of would fail the test."""
+    data = scores()
+    for name in ("log_score_joint", *(f"log_score_joint_{end}" for end in ("low", "high"))):
+        data[name][:] = 0.0
+    first = panels(figure_compare.class_scores(data, class_grid(1, 1)))[0]
+    assert first.get_ylim()[0] < 0 < first.get_ylim()[1]
+
+
 def test_curves_pass_through_the_thresholds_and_are_linear_in_time():
     """Halfway between two thresholds in taps the line is halfway between their errors, and so is the band."""
     data = decisions()
