@@ -98,5 +98,6 @@ def alike(where, what, taps=None, *, L, M, J, K):
     """Wrong on purpose: samples do not depend on the class."""
     with numpyro.plate("K", K, dim=-1):
         loc = numpyro.sample("loc", dist.Normal(0.0, 3.0))
+        numpyro.deterministic("twice", 2 * loc)
     with numpyro.plate("tap", len(where), dim=-3), numpyro.plate("J", J, dim=-2), numpyro.plate("taxel", K, dim=-1):
         numpyro.sample("taps", dist.Normal(loc, 3.0), obs=taps)

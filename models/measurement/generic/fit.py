@@ -182,7 +182,8 @@ def _latents(fit: Fit) -> dict[str, Any]:
 
 
 def _guided(fit: Fit, method: str) -> GuidePosterior:
-    hidden = block(fit.run, hide=list(fit.structure.enumerated)) if fit.structure.enumerated else fit.run
+    # Values made from latent variables, too: a guide would run the model for them without its taps.
+    hidden = block(fit.run, hide_fn=lambda s: s["type"] == "deterministic" or s.get("name") in fit.structure.enumerated)
     kinds: dict[str, Any] = {"svi": AutoNormal, "map": AutoDelta, "laplace": AutoLaplaceApproximation}
     if method == "svi" and fit.story.guide is not None:
         guide: Any = lambda samples: fit.story.guide_of(fit.batch, samples)  # noqa: E731

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 import numpyro
 from jax import errors
+from jax.experimental import checkify
 from numpyro.distributions import ImproperUniform, biject_to
 from numpyro.handlers import seed, substitute, trace
 
@@ -57,6 +58,7 @@ def structure_of(story: StoryFunction, batch: StoryCall) -> Structure:
             fitted.
     """
     few, more = (_traced(story, _some(batch, n), n) for n in (2, 3))
+    _check_rest(story, more.sites)
     latents = {name: s for name, s in more.sites.items() if s["type"] == "sample" and not s["is_observed"]}
     enumerated = []
     for name, latent in latents.items():
@@ -79,9 +81,9 @@ def structure_of(story: StoryFunction, batch: StoryCall) -> Structure:
 
 
 def _some(batch: StoryCall, n: int) -> StoryCall:
-    """StoryCall of n taps of its classes in turn."""
+    """StoryCall of n taps of its classes in turn, from the last one back."""
     L, M, _, _ = batch.shape
-    index = np.arange(n)
+    index = -1 - np.arange(n)
     return StoryCall(**{**vars(batch), "where": index % L, "what": index % M, "session": np.zeros(n, dtype=np.intp)})
 
 
@@ -127,7 +129,9 @@ def _traced(story: StoryFunction, batch: StoryCall, n: int) -> _Traced:
     try:
         with jax.enable_x64(True), numpyro.validation_enabled(False):
             program = jax.make_jaxpr(observed)(probe, batch.where, batch.what).jaxpr
-            value = jax.jit(lambda *made: observed(*made)[0])(probe, batch.where, batch.what)
+            checked = checkify.checkify(lambda *made: observed(*made)[0], checkify.index_checks)
+            wrong, value = jax.jit(checked)(probe, batch.where, batch.what)
+            wrong.throw()
     except InputError:
         raise
     except Exception as error:  # whatever a user's function raises
@@ -187,6 +191,21 @@ def _is_swapped(story: StoryFunction, value: Any, probe: Any) -> bool:
         if value.shape == expected.shape and np.allclose(value, expected):
             return swapped
     raise InputError(f"The site {OBSERVED!r} of {story.name} must observe taps themselves, not values made from them.")
+
+
+def _check_rest(story: StoryFunction, sites: dict[str, Any]) -> None:
+    """Refuses what would be known to the fit alone, and neither to the likelihood of a tap nor to draws."""
+    for name, site in sites.items():
+        if site["type"] == "param":
+            raise InputError(
+                f"{story.name} has a parameter {name!r} without a prior, by numpyro.param; make it a latent variable, "
+                "by numpyro.sample."
+            )
+        if site["type"] == "sample" and site["is_observed"] and name != OBSERVED:
+            raise InputError(
+                f"{story.name} has a second observed site {name!r}, by obs= or numpyro.factor; all that a model "
+                f"observes are the samples at {OBSERVED!r}."
+            )
 
 
 def _check_latent(story: StoryFunction, name: str, latent: dict[str, Any], local: bool, discrete: bool) -> None:

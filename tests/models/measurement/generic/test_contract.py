@@ -188,6 +188,16 @@ def lacks_a_part(where, what, taps=None):
     raise NotImplementedError("a part")
 
 
+def with_more_than_taps(of):
+    """A story with one more site."""
+
+    def made(_, own):
+        of(own)
+        return own
+
+    return centred(made)
+
+
 def centred(of):
     """A story whose samples have the mean `of(where, own)`."""
 
@@ -214,10 +224,14 @@ flat = dist.ImproperUniform(dist.constraints.real, (), ())
         (shared(dist.Bernoulli(0.5)), "'own' of story is shared by all taps"),
         (shared(flat), "'own' of story has no proper prior"),
         (shared(flat.expand([K]).to_event(1).mask(False)), "'own' of story has no proper prior"),
+        (with_more_than_taps(lambda own: numpyro.factor("more", own)), "a second observed site 'more'"),
+        (with_more_than_taps(lambda own: numpyro.sample("x", dist.Normal(own), obs=1.0)), "a second observed site 'x'"),
+        (with_more_than_taps(lambda _: numpyro.param("free", 1.0)), "a parameter 'free' without a prior"),
         (lacks_a_part, r"failed when it was tried on 2 taps, line \d+ of its file: NotImplementedError: a part"),
         (fails, r"failed when it was tried on 2 taps, line \d+ of its file: KeyError: 'a key'"),
         (centred(lambda _, own: np.exp(own)), "of its file: NumPy cannot compute with values that JAX traces"),
         (centred(lambda where, _: np.arange(L)[where][:, None, None]), "use jax.numpy, also for arrays to index"),
+        (centred(lambda where, _: jnp.zeros(L - 1)[where][:, None, None]), "index 2 is out of bounds for axis 0"),
         (centred(lambda _, own: 0.0 if own > 0 else 1.0), "a condition, size or number depends on values that JAX"),
         (centred(lambda where, own: (own + where)[where > 0]), "use jnp.where or the like"),
     ],
