@@ -75,7 +75,8 @@ def tune(
     ] = None,
     division: Annotated[Division, Fields(*DIVIDED)] = Division(training_taps=True),
     fit: Annotated[
-        FitSettings, Fields("bins", "pseudocount", "saturation", "value_range", power=Exponent)
+        FitSettings,
+        Fields("bins", "pseudocount", "saturation", "value_range", "method", "steps", "unconverged", power=Exponent),
     ] = FitSettings(),
     play: Annotated[PlaySettings, Fields("theta_x", "deadline", "border", threshold=_Theta)] = PlaySettings(),
     trials: Annotated[

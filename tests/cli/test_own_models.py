@@ -10,6 +10,8 @@ from solidtouch.cli.main import run as run_command
 from solidtouch.models.measurement.generic import fit as fits
 from solidtouch.models.measurement.generic import source
 
+CHOSEN = "--fit map --steps 800 --allow-unconverged"
+
 
 @pytest.fixture
 def run(tmp_path, monkeypatch, capsys, make_taps):
@@ -80,6 +82,8 @@ def test_a_function_is_compared_with_a_built_in_model(run, monkeypatch, sketched
     [
         ("fit session-0.nc --model my_models.py:nothing --out a.nc", "my_models.py: no function 'nothing'"),
         ("fit session-0.nc --model none.py:walk --out a.nc", "none.py: no such file"),
+        (f"tune session-0.nc --model none.py:walk --out a.json {CHOSEN}", "none.py: no such file"),
+        (f"audit session-0.nc session-1.nc --models none.py:walk --out a {CHOSEN}", "none.py: no such file"),
         ("compare session-0.nc session-1.nc --models gaussian,my_models.py:wlak", "my_models.py: no function 'wlak'"),
         ("fit session-0.nc --model gaussian --fit svi --out a.nc", "--fit svi"),
         ("fit session-0.nc --model gaussian --steps 900 --out a.nc", "--steps"),
