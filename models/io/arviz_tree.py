@@ -308,6 +308,8 @@ def _check_dims(model: TapModel, coords: Mapping[str, Any] | None) -> None:
         InputError: There is one.
     """
     dims = dict.fromkeys(_ALONG.get(dim, dim) for dims in model.dims.values() for dim in dims if dim != "once")
+    if coords is not None and not isinstance(coords, Mapping):
+        raise InputError(f"coords must be labels by dimension, such as {{'taxel': [0]}}, got {coords!r}.")
     if unknown := [dim for dim in coords or {} if dim not in dims]:
         raise InputError(
             f"coords: the {model.name} model has no dimension {unknown[0]!r}; choose from {', '.join(dims)}."

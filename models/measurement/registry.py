@@ -7,6 +7,7 @@ imported when their model is asked for. Models of users are functions, see `gene
 
 import re
 from collections import Counter
+from collections.abc import Iterable
 from importlib import import_module
 from math import inf
 from typing import TYPE_CHECKING, Any
@@ -17,7 +18,7 @@ from ..threads import one_blas_thread
 from .generic import source
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable
 
     from ..grid import ClassGrid
     from ..settings import FitSettings
@@ -100,7 +101,11 @@ def model_names(models: "AnyModel | Iterable[AnyModel]") -> list[str]:
     Raises:
         InputError: As `register`, two functions have the same name, or a model is unknown.
     """
-    models = [models] if isinstance(models, str) or callable(models) else list(models)
+    if isinstance(models, str) or callable(models):
+        models = [models]
+    elif not isinstance(models, Iterable):
+        raise InputError(f"models must be names or NumPyro functions, got {models!r}.")
+    models = list(models)
     functions = {id(model): getattr(model, "__name__", "") for model in models if callable(model)}
     for name, count in Counter(functions.values()).items():
         if count > 1:

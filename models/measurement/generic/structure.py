@@ -69,6 +69,7 @@ def structure_of(story: StoryFunction, batch: StoryCall) -> Structure:
             enumerated.append(name)
     if len(enumerated) == len(latents):
         raise InputError(f"{story.name} has no latent variable to fit; a model needs at least one.")
+    _check_drawn(story, _some(batch, 2), np.shape(few.sites[OBSERVED]["value"]))
     kept = {name: latent for name, latent in latents.items() if name not in enumerated}
     return Structure(
         {name: _dims(name, latent, batch.shape) for name, latent in kept.items()},
@@ -141,7 +142,7 @@ def _traced(story: StoryFunction, batch: StoryCall, n: int) -> _Traced:
 
 def _feasible(site: dict[str, Any]) -> Any:
     """Value of a continuous latent variable that its support allows."""
-    if site["type"] != "sample" or site["is_observed"] or site["fn"].support.is_discrete:
+    if site["type"] != "sample" or site["is_observed"] or site["name"] == OBSERVED or site["fn"].support.is_discrete:
         return None
     to_support = biject_to(site["fn"].support)
     return to_support(jnp.zeros(site["kwargs"]["sample_shape"] + to_support.inverse_shape(site["fn"].shape())))
@@ -191,6 +192,23 @@ def _is_swapped(story: StoryFunction, value: Any, probe: Any) -> bool:
         if value.shape == expected.shape and np.allclose(value, expected):
             return swapped
     raise InputError(f"The site {OBSERVED!r} of {story.name} must observe taps themselves, not values made from them.")
+
+
+def _check_drawn(story: StoryFunction, batch: StoryCall, shape: tuple[int, ...]) -> None:
+    """Refuses a model that draws no taps of the shape that it observes."""
+
+    def drawn() -> Any:
+        sites = trace(substitute(seed(story, 0), substitute_fn=_feasible)).get_trace(batch)
+        return sites.get(OBSERVED, {"value": None})["value"]
+
+    try:
+        with jax.enable_x64(True), numpyro.validation_enabled(False):
+            found = jax.eval_shape(drawn)
+    except Exception as error:  # whatever a user's function raises
+        told = told_in(story, error)
+        raise InputError(f"{story.name} failed when it was tried with taps=None, to draw 2{told}") from error
+    if np.shape(found) != shape:
+        raise InputError(f"{story.name} with taps=None must draw taps of shape {shape} at its site {OBSERVED!r}.")
 
 
 def _check_rest(story: StoryFunction, sites: dict[str, Any]) -> None:

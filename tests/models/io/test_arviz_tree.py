@@ -153,6 +153,8 @@ def test_parameters_are_chosen_by_name_and_label(taps, model):
         to_arviz(model, taps, draws=3, coords={"what": "cube"})
     with pytest.raises(InputError, match="the gaussian model has no dimension 'wher'; choose from where, what, taxel"):
         to_arviz(model, taps, draws=3, coords={"wher": 0})
+    with pytest.raises(InputError, match="coords must be labels by dimension"):
+        to_arviz(model, taps, draws=3, coords=["where"])
 
 
 def test_draws_follow_their_seed(tree, taps, model):

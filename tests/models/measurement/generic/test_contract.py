@@ -184,6 +184,17 @@ def fails(where, what, taps=None):
     raise KeyError("a key")
 
 
+def knows_taps(where, what, taps=None, *, J, K):
+    own = numpyro.sample("own", dist.Normal(0.0, 1.0))
+    numpyro.sample("taps", dist.Normal(own, 1.0).expand(taps.shape), obs=taps)
+
+
+def draws_nothing(where, what, taps=None, *, J, K):
+    own = numpyro.sample("own", dist.Normal(0.0, 1.0))
+    if taps is not None:
+        numpyro.sample("taps", dist.Normal(own, 1.0).expand([len(where), J, K]), obs=taps)
+
+
 def lacks_a_part(where, what, taps=None):
     raise NotImplementedError("a part")
 
@@ -229,6 +240,8 @@ flat = dist.ImproperUniform(dist.constraints.real, (), ())
         (with_more_than_taps(lambda _: numpyro.param("free", 1.0)), "a parameter 'free' without a prior"),
         (lacks_a_part, r"failed when it was tried on 2 taps, line \d+ of its file: NotImplementedError: a part"),
         (fails, r"failed when it was tried on 2 taps, line \d+ of its file: KeyError: 'a key'"),
+        (knows_taps, r"failed when it was tried with taps=None, to draw 2, line \d+ of its file: AttributeError"),
+        (draws_nothing, r"with taps=None must draw taps of shape \(2, 5, 4\)"),
         (centred(lambda _, own: np.exp(own)), "of its file: NumPy cannot compute with values that JAX traces"),
         (centred(lambda where, _: np.arange(L)[where][:, None, None]), "use jax.numpy, also for arrays to index"),
         (centred(lambda where, _: jnp.zeros(L - 1)[where][:, None, None]), "index 2 is out of bounds for axis 0"),
