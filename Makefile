@@ -38,6 +38,7 @@ bench-quick: $(VENV)/.ready-dev
 
 studies: $(VENV)/.ready-run
 	@$(PY) -m benchmarks.studies.models.recovery --document docs/explanation/model-studies.md
+	@$(PY) -m benchmarks.studies.models.recovery --own --document docs/explanation/model-studies.md
 	@$(PY) -m benchmarks.studies.models.sbc --document docs/explanation/model-studies.md
 	@$(PY) -m benchmarks.studies.models.sessions --document docs/explanation/model-studies.md
 

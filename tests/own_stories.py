@@ -1,18 +1,12 @@
-"""Generative models as users write them, for tests of the contract."""
+"""Generative models as users write them, for tests of the contract; some are those of docs/how-to/your-own-model.md."""
 
 import jax.numpy as jnp
 import numpyro
 import numpyro.distributions as dist
 
+from benchmarks.own_stories import stories
 
-def laplace(where, what, taps=None, *, L, M, J, K):
-    """Samples of a class and taxel follow a Laplace distribution."""
-    with numpyro.plate("L", L, dim=-3), numpyro.plate("M", M, dim=-2), numpyro.plate("K", K, dim=-1):
-        loc = numpyro.sample("loc", dist.Normal(0.0, 3.0))
-        scale = numpyro.sample("scale", dist.LogNormal(0.0, 1.0))
-    with numpyro.plate("tap", len(where), dim=-3), numpyro.plate("J", J, dim=-2), numpyro.plate("taxel", K, dim=-1):
-        own = loc[where, what][:, None], scale[where, what][:, None]
-        numpyro.sample("taps", dist.Laplace(*own), obs=taps)
+laplace, two_levels, walk, shifted = stories().values()
 
 
 def normal(where, what, taps=None, *, L, M, J, K):
@@ -34,27 +28,6 @@ def levels(where, what, taps=None, *, L, M, J, K):
         numpyro.sample("taps", dist.Normal(level[where, what], 1.0), obs=taps)
 
 
-def two_levels(where, what, taps=None, *, L, M, J, K):
-    """Every sample is at one of two levels of its class, which nobody has seen."""
-    with numpyro.plate("L", L, dim=-3), numpyro.plate("M", M, dim=-2), numpyro.plate("K", K, dim=-1):
-        low = numpyro.sample("low", dist.Normal(-1.0, 2.0))
-        gap = numpyro.sample("gap", dist.LogNormal(0.0, 1.0))
-    with numpyro.plate("tap", len(where), dim=-3), numpyro.plate("J", J, dim=-2), numpyro.plate("taxel", K, dim=-1):
-        upper = numpyro.sample("upper", dist.Bernoulli(0.3))
-        numpyro.sample(
-            "taps", dist.Normal(low[where, what][:, None] + upper * gap[where, what][:, None], 1.0), obs=taps
-        )
-
-
-def walk(where, what, taps=None, *, L, M, J, K):
-    """A Gaussian random walk over time for each taxel."""
-    with numpyro.plate("L", L, dim=-3), numpyro.plate("M", M, dim=-2), numpyro.plate("K", K, dim=-1):
-        scale = numpyro.sample("scale", dist.LogNormal(0.0, 1.0))
-    with numpyro.plate("tap", len(where), dim=-2), numpyro.plate("taxel", K, dim=-1):
-        over_time = None if taps is None else jnp.swapaxes(taps, 1, 2)
-        numpyro.sample("taps", dist.GaussianRandomWalk(scale[where, what], J), obs=over_time)
-
-
 def correlated(where, what, taps=None, *, L, M, J, K):
     """Correlated taxels around the level of a class."""
     with numpyro.plate("L", L, dim=-2), numpyro.plate("M", M, dim=-1):
@@ -70,17 +43,6 @@ def heavy(where, what, taps=None, *, L, M, J, K):
         loc = numpyro.sample("loc", dist.Normal(0.0, 3.0).expand([K]).to_event(1))
     with numpyro.plate("tap", len(where), dim=-2), numpyro.plate("J", J, dim=-1):
         numpyro.sample("taps", dist.MultivariateStudentT(4.0, loc[where, what][:, None], jnp.eye(K)), obs=taps)
-
-
-def shifted(where, what, taps=None, *, L, M, J, K, session):
-    """Levels of a class, shifted in every session."""
-    with numpyro.plate("L", L, dim=-3), numpyro.plate("M", M, dim=-2), numpyro.plate("K", K, dim=-1):
-        loc = numpyro.sample("loc", dist.Normal(0.0, 3.0))
-    drift = numpyro.sample("drift", dist.HalfNormal(1.0))
-    with numpyro.plate("S", int(session.max()) + 1, dim=-2), numpyro.plate("K", K, dim=-1):
-        shift = numpyro.sample("shift", dist.Normal(0.0, drift))
-    with numpyro.plate("tap", len(where), dim=-3), numpyro.plate("J", J, dim=-2), numpyro.plate("taxel", K, dim=-1):
-        numpyro.sample("taps", dist.Normal((loc[where, what] + shift[session])[:, None], 1.0), obs=taps)
 
 
 def counts(where, what, taps=None, *, L, M, J, K):

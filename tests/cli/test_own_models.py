@@ -10,6 +10,8 @@ from solidtouch.cli.main import run as run_command
 from solidtouch.models.measurement.generic import fit as fits
 from solidtouch.models.measurement.generic import source
 
+from benchmarks.own_stories import code
+
 CHOSEN = "--fit map --steps 800 --allow-unconverged"
 
 
@@ -20,7 +22,8 @@ def run(tmp_path, monkeypatch, capsys, make_taps):
     monkeypatch.setattr(source, "_registered", {})
     for name, value in {"_AT_ONCE": 20, "TRIED": 20, "STEPS": 40, "_WINDOW": 10, "RUNS": 1, "STARTS": 1}.items():
         monkeypatch.setattr(fits, name, value)
-    Path("my_models.py").write_text((Path(__file__).parents[1] / "own_stories.py").read_text("utf-8"), "utf-8")
+    others = (Path(__file__).parents[1] / "own_stories.py").read_text("utf-8")
+    Path("my_models.py").write_text(f"{others}\n\n{code()}", "utf-8")
     taps = make_taps(J=6, K=3, repeats=4)
     for session in (0, 1):
         taps.select(taps.session == session).save(f"session-{session}.nc")

@@ -19,20 +19,21 @@ def recovery_figure(wins: NDArray[np.intp], models: Sequence[str]) -> Figure:
         models: Names of both.
     """
     side = 1.2 + 0.36 * len(models)
-    figure, axes = new_figure(side + 0.4, side)
+    figure, axes = new_figure(side + 0.4, side - 0.36 * int((wins.sum(axis=1) == 0).sum()))
     plot_wins(axes[0, 0], wins, models)
     return figure
 
 
 def plot_wins(axes: Axes, wins: NDArray[np.intp], models: Sequence[str]) -> Axes:
-    """A table of shaded numbers, a row per source; rows without a data set are left empty."""
-    total = wins.sum(axis=1, keepdims=True)
-    share = wins / np.maximum(total, 1)
+    """A table of shaded numbers, a row per source that has a data set."""
+    sources = [name for name, row in zip(models, wins, strict=True) if row.any()]
+    wins = wins[wins.any(axis=1)]
+    share = wins / wins.sum(axis=1, keepdims=True)
     axes.imshow(share, cmap="Blues", vmin=0, vmax=1.3, aspect="equal")
     for i, j in np.argwhere(wins > 0):
         axes.text(j, i, str(wins[i, j]), ha="center", va="center", color="white" if share[i, j] > 0.6 else "black")
     axes.set_xticks(range(len(models)), models, rotation=45, ha="right", rotation_mode="anchor")
-    axes.set_yticks(range(len(models)), models)
+    axes.set_yticks(range(len(sources)), sources)
     axes.set_xlabel("best forecast of the session left out")
     axes.set_ylabel("taps from")
     axes.spines[["top", "right"]].set_visible(True)

@@ -2,7 +2,8 @@
 
 Each model is fitted once to simulated sessions of preset `paper`. Parameters are drawn from its posterior and sessions
 of taps from these parameters; all models are fitted to the training sessions and predict the session left out. A
-session is predicted as a whole, since its taps share a state under `session:profile`.
+session is predicted as a whole, since its taps share a state under `session:profile`. With `--own` taps come from the
+models of docs/how-to/your-own-model.md.
 
 `--document docs/explanation/model-studies.md` updates its tables and figure.
 """
@@ -17,10 +18,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from solidtouch.hardware.simulator.session import simulate_session
-from solidtouch.hardware.simulator.settings import ICUB_FINGERTIP, PAPER_RODS, preset
+from solidtouch.hardware.simulator.settings import ICUB_FINGERTIP, PAPER_RODS, RigSettings, preset
 from solidtouch.models import seeds
 from solidtouch.models.grid import ClassGrid
 from solidtouch.models.measurement.draws import integrated
+from solidtouch.models.measurement.generic.story import GenericModel
 from solidtouch.models.measurement.likelihood.bins import TableForm
 from solidtouch.models.measurement.likelihood.forms import GaussianForm
 from solidtouch.models.measurement.likelihood.shapes import Parameters
@@ -33,6 +35,7 @@ from solidtouch.models.settings import FitSettings
 from solidtouch.models.taps import TapSet, concatenate
 
 from benchmarks.page import parsed, publish, share_interval, table, write_block
+from benchmarks.studies.models import user_stories
 from benchmarks.studies.models.figures import recovery_figure
 from benchmarks.study import thinned, until_interrupted, write_json
 
@@ -49,6 +52,9 @@ MODELS = (
 )
 DRAWS, COVERED = 99, (5, 95)
 """Draws of a posterior, and the ranks among them that a true value has in the central 90%."""
+
+BESIDE = ("histogram", "gaussian", "profile-mvn")
+"""Built-in models beside which models of users are compared."""
 
 OFFSET_SD = 0.5
 """Of the sessions of `session:profile`, in counts."""
@@ -72,6 +78,9 @@ class Sizes(NamedTuple):
     every: int = 2
     sessions: int = 3
     repeats: int = 7
+
+
+OWN_SIZES = Sizes(positions=4, step=4, every=4, repeats=6)
 
 
 class Source(NamedTuple):
@@ -108,17 +117,21 @@ class Replicate(NamedTuple):
     unfinished: list[str]
 
 
-def sources(models: Sequence[str], sizes: Sizes, seed: int) -> list[Source]:
-    """Every model, fitted to the same taps."""
+def reduced_rig(sizes: Sizes) -> RigSettings:
+    """The rig of preset `paper` with fewer positions, rods and taxels."""
     first = 8 - sizes.positions // 2
-    rods = PAPER_RODS[::2][: sizes.rods]
-    rig = replace(
+    return replace(
         preset("paper"),
-        rods=rods,
+        rods=PAPER_RODS[::2][: sizes.rods],
         taxels=ICUB_FINGERTIP[:: sizes.every],
         start_mm=float(first),
         end_mm=float(first + sizes.positions),
     )
+
+
+def sources(models: Sequence[str], sizes: Sizes, seed: int) -> list[Source]:
+    """Every model, fitted to the same taps."""
+    rig = reduced_rig(sizes)
     sessions = [thinned(simulate_session(rig, seed, session), sizes.step) for session in range(sizes.sessions)]
     template = concatenate(sessions)
     grid = template.grid()
@@ -129,7 +142,7 @@ def sources(models: Sequence[str], sizes: Sizes, seed: int) -> list[Source]:
 
 def replicate(source: Source, models: Sequence[str], sizes: Sizes, seed: int, number: int) -> Replicate:
     """One data set from a model, and what all models make of it."""
-    generator = seeds.generator(seed, seeds.Purpose.STUDY, MODELS.index(source.name), number)
+    generator = seeds.generator(seed, seeds.Purpose.STUDY, (*MODELS, *user_stories.NAMES).index(source.name), number)
     posterior = source.fitted.posterior
     if posterior is None:
         raise ValueError(f"{source.name} has no posterior to draw parameters from.")
@@ -193,6 +206,8 @@ def _draw(
 ) -> NDArray[np.float64]:
     """Taps of one class each in the state of gain 1 and offset 0, with values between those of the bins too."""
     model, J = source.fitted.model, source.template.preprocessing.samples
+    if isinstance(model, GenericModel):
+        return user_stories.drawn_session(model, parameters, where, what, generator)
     shape = len(where), J, model.K
     if isinstance(model, ParametricModel) and model.kind in ("gaussian", "student"):
         if model.kind == "gaussian":
@@ -218,6 +233,8 @@ def _draw(
 def session_score(fitted: Fitted, taps: TapSet, generator: np.random.Generator) -> float:
     """Log probability of the bins of all taps of one session, which share their state, integrated over parameters."""
     own, model = taps.indices(fitted.model.grid), fitted.model
+    if isinstance(model, GenericModel) and model.program.structure.by_session:
+        return user_stories.session_log_probability(fitted, taps, generator)
     streams = generator.spawn(len(model.states.gain))
     parts = []
     for gain, offset, log_prior, stream in zip(*model.states, streams, strict=True):
@@ -246,6 +263,8 @@ def coverage(
 def quantities(fitted: Fitted, parameters: Parameters) -> dict[str, NDArray[np.float64]]:
     """Parameters in units of the samples, by kind, so that fits in different units compare."""
     model = fitted.model
+    if isinstance(model, GenericModel):
+        return user_stories.own_quantities(model, parameters)
     form = model.form_of(parameters)
     if isinstance(form, GaussianForm):
         return _gaussian_quantities(form)
@@ -343,9 +362,12 @@ def main() -> None:
     parser.add_argument("--replicates", type=int, default=6, help="data sets per model")
     parser.add_argument("--models", nargs="*", default=MODELS, choices=MODELS)
     parser.add_argument("--seed", type=int, default=1)
-    options = parsed(parser, "recovery")
-    sizes, models = Sizes(), list(options.models)
-    fitted = sources(models, sizes, options.seed)
+    parser.add_argument("--own", action="store_true", help="models of users as sources, beside some built-in ones")
+    options = parsed(parser, "recovery", "own-recovery")
+    sizes, models, block = Sizes(), list(options.models), "recovery"
+    if options.own:
+        sizes, models, block = OWN_SIZES, [*user_stories.registered(), *BESIDE], "own-recovery"
+    fitted = sources([name for name in models if not options.own or name not in BESIDE], sizes, options.seed)
     tasks: list[Callable[[], Replicate]] = [
         partial(replicate, source, models, sizes, options.seed, number)
         for number in range(options.replicates)
@@ -354,17 +376,17 @@ def main() -> None:
     found = list(until_interrupted("Recovering models", tasks))
     if not found:
         return
-    write_json("recovery", [one._asdict() for one in found])
+    write_json(block, [one._asdict() for one in found])
     L, M, J = sizes.positions, sizes.rods, fitted[0].template.preprocessing.samples
     text = (
         f"{L} positions x {M} objects, {J} samples, {fitted[0].fitted.model.K} taxels; {sizes.sessions} training "
-        f"sessions of {sizes.repeats} taps per class and one left out; {len(found) // len(models)} data sets from each "
+        f"sessions of {sizes.repeats} taps per class and one left out; {len(found) // len(fitted)} data sets from each "
         f"model, seed {options.seed}.\n\n{tables(found, models)}"
     )
     print(text)
     if options.document is not None and len(found) == len(tasks):
-        publish(recovery_figure(wins(found, models), models), options.document, "recovery")
-        write_block(options.document, "recovery", text)
+        publish(recovery_figure(wins(found, models), models), options.document, block)
+        write_block(options.document, block, text)
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ with simulation-based calibration", 2018). Ranks are tested by their distributio
 `--document docs/explanation/model-studies.md` updates the table and the figure of that page.
 """
 
-import argparse
+from argparse import ArgumentParser, Namespace
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, NamedTuple
@@ -43,6 +43,9 @@ CHI_BINS = 20
 _NULLS = 4000  # samples of uniform ranks that the simultaneous band comes from
 _FALSE_ALARMS = 0.05
 
+type Drawn = tuple[dict[str, NDArray[np.float64]], NDArray[np.float64]]
+"""Parameters by name and samples of many data sets."""
+
 
 class Sizes(NamedTuple):
     """Of the taps: L where classes, M objects, J samples, K taxels, B bins, and taps of each class."""
@@ -68,7 +71,7 @@ class Study(NamedTuple):
 
     name: str
     how: str
-    draw: Callable[[int, int], tuple[dict[str, NDArray[np.float64]], NDArray[np.float64]]]
+    draw: Callable[[int, int], Drawn]
     fit: Callable[[NDArray[np.float64]], Posterior]
     quantities: Callable[[Parameters, NDArray[np.float64]], dict[str, float]]
 
@@ -101,7 +104,7 @@ def studies(sizes: Sizes) -> list[Study]:
 
     def study(module: Any, how: str = "exact", **arguments: Any) -> Study:
         name = module.MODEL.name
-        draw = partial(_from_story, partial(module.story, where, what, L=L, M=M, J=J, K=K, **arguments))
+        draw = partial(_from_built_in, partial(module.story, where, what, L=L, M=M, J=J, K=K, **arguments))
         fitted = lambda samples: module.fit(taps(samples), arguments["prior"])  # noqa: E731
         return Study(name, how, draw, fitted, partial(_quantities, name, (where, what)))
 
@@ -121,9 +124,7 @@ def studies(sizes: Sizes) -> list[Study]:
     ]
 
 
-def _from_story(
-    story: Callable[[], None], seed: int, n: int
-) -> tuple[dict[str, NDArray[np.float64]], NDArray[np.float64]]:
+def from_story(story: Callable[[], None], seed: int, n: int) -> Drawn:
     """Parameters and samples of `n` data sets as a story without taps simulates them."""
 
     def one(key: Any) -> dict[str, Any]:
@@ -133,7 +134,13 @@ def _from_story(
     with jax.enable_x64(True):
         values = jax.jit(jax.vmap(one))(jax.random.split(jax.random.key(derived_seed(seed, Purpose.STUDY)), n))
         drawn = {name: np.asarray(value) for name, value in values.items()}
-    return _as_fitted(drawn), drawn["taps"]
+    return drawn, drawn.pop("taps")
+
+
+def _from_built_in(story: Callable[[], None], seed: int, n: int) -> Drawn:
+    """The same with parameters as posteriors name and shape them."""
+    drawn, samples = from_story(story, seed, n)
+    return _as_fitted(drawn), samples
 
 
 def _as_fitted(drawn: dict[str, NDArray[np.float64]]) -> dict[str, NDArray[np.float64]]:
@@ -181,7 +188,7 @@ def _histogram_study(sizes: Sizes) -> Study:
             "log likelihood": log_prob[own].sum(),
         }
 
-    return Study("histogram", "exact", partial(_from_story, told), fit, quantities)
+    return Study("histogram", "exact", partial(_from_built_in, told), fit, quantities)
 
 
 def _quantities(
@@ -326,17 +333,8 @@ def result_table(results: Sequence[Ranks]) -> str:
             share = (rank + 0.5) / (DRAWS + 1)
             width = share.var() / ((1 - (DRAWS + 1.0) ** -2) / 12)
             failed = "no" if min(anywhere, square) >= _FALSE_ALARMS / (2 * tests) else "yes"
-            lines.append(
-                [
-                    result.study.name,
-                    name,
-                    f"{share.mean():.3f}",
-                    f"{width:.2f}",
-                    _p(anywhere),
-                    _p(square),
-                    failed,
-                ]
-            )
+            numbers = f"{share.mean():.3f}", f"{width:.2f}", _p(anywhere), _p(square)
+            lines.append([result.study.name, name, *numbers, failed])
     head = ["model", "quantity", "mean rank", "spread", "p, anywhere in the band", "p, chi-square", "fails"]
     return table(head, lines)
 
@@ -369,7 +367,7 @@ def page(results: Sequence[Ranks], sizes: Sizes, repetitions: int, seed: int) ->
 
 def main() -> None:
     """Runs the study as the command line says."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = ArgumentParser(description=__doc__)
     parser.add_argument("--repetitions", type=int, default=500, help="data sets per model")
     parser.add_argument("--models", nargs="*", help="models to run")
     parser.add_argument("--seed", type=int, default=1)
@@ -377,16 +375,21 @@ def main() -> None:
     sizes = Sizes()
     chosen = [study for study in studies(sizes) if not options.models or study.name in options.models]
     results = [run(study, options.repetitions, options.seed) for study in chosen]
+    report(results, sizes, options, "sbc", "calibration-of-fits")
+
+
+def report(results: Sequence[Ranks], sizes: Sizes, options: Namespace, block: str, figure: str, more: str = "") -> None:
+    """Prints and writes what is finished, and the page if all is; `more` is a last sentence."""
     results = [result for result in results if result.rank]
     if not results:
         return
-    write_json("sbc", [{"model": r.study.name, "rank": {k: v.tolist() for k, v in r.rank.items()}} for r in results])
-    text = page(results, sizes, options.repetitions, options.seed)
+    write_json(block, [{"model": r.study.name, "rank": {k: v.tolist() for k, v in r.rank.items()}} for r in results])
+    text = "\n\n".join(filter(None, [page(results, sizes, options.repetitions, options.seed), more]))
     print(text)
     complete = all(len(rank) == options.repetitions for result in results for rank in result.rank.values())
     if options.document is not None and complete:
-        publish(rank_figure(panels(results)), options.document, "calibration-of-fits")
-        write_block(options.document, "sbc", text)
+        publish(rank_figure(panels(results)), options.document, figure)
+        write_block(options.document, block, text)
 
 
 if __name__ == "__main__":

@@ -6,7 +6,7 @@ stories that have none and, beside fits that approximate, shows what that costs.
 
 from collections.abc import Callable, Container
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -24,7 +24,7 @@ CHAINS, STEPS = 4, 750
 
 
 def sample_story(
-    story: Callable[[], None],
+    story: Callable[..., Any],
     convert: Callable[[Sites], Sites],
     seed: int = 0,
     steps: int | None = None,
@@ -41,31 +41,62 @@ def sample_story(
         progress: Called with the name of a stage and its number of steps; returns the function that advances it.
         name: Name of the model.
     """
-    import arviz as az
+    return Chains.of(story).posterior((), convert, seed, steps, progress, name)
 
-    steps = STEPS if steps is None else steps
-    warm_up, advance = 2 * steps // 3, progress(f"{name}, steps of chains", steps)
-    with jax.enable_x64(True):
+
+class Chains(NamedTuple):
+    """Chains of a generative model as compiled programs, for all its arguments of the same shapes.
+
+    Attributes:
+        kernel: Their transitions.
+        forward: From the state of all chains and arguments to the next state.
+        finish: From unconstrained draws and arguments to sites.
+    """
+
+    kernel: NUTS
+    forward: Callable[[Any, Any], Any]
+    finish: Callable[[Any, Any], Sites]
+
+    @classmethod
+    def of(cls, story: Callable[..., Any]) -> "Chains":
+        """Chains of a generative model."""
         kernel = NUTS(story)
-        keys = jax.random.split(jax.random.key(derived_seed(seed, Purpose.CHAINS)), CHAINS)
-        state: Any = kernel.init(keys, warm_up, None, (), {})
 
-        # Step by step, as no signal is handled while a compiled program runs.
-        forward = jax.jit(lambda state: kernel.sample(state, (), {}))
-        kept = []
-        for number in range(steps):
-            state = forward(state)
-            seen = jax.tree.map(np.asarray, (state.z, state.diverging))
-            if number >= warm_up:
-                kept.append(seen)
-            advance(1)
-        free, diverged = jax.tree.map(lambda *each: np.stack(each, axis=1), *kept)
-        found = jax.lax.map(partial(jax.lax.map, kernel.postprocess_fn((), {})), free)
-        sites = {name: np.asarray(values) for name, values in found.items()}
-    flat = az.from_dict({"posterior": {name: values for name, values in sites.items() if values.size}})
-    posterior: Any = flat["posterior"].dataset
-    stats = {"r_hat": _worst(az.rhat(posterior), np.nanmax), "ess": _worst(az.ess(posterior), np.nanmin)}
-    return SamplePosterior(convert(sites), {**stats, "divergences": float(diverged.sum())})
+        def finish(free: Any, given: Any) -> Any:
+            return jax.lax.map(partial(jax.lax.map, kernel.postprocess_fn(given, {})), free)
+
+        return cls(kernel, jax.jit(lambda state, given: kernel.sample(state, given, {})), jax.jit(finish))
+
+    def posterior(
+        self,
+        given: tuple[Any, ...],
+        convert: Callable[[Sites], Sites],
+        seed: int = 0,
+        steps: int | None = None,
+        progress: Progress = no_progress,
+        name: str = "NUTS",
+    ) -> SamplePosterior:
+        """Posterior draws at arguments of the generative model; for the others see `sample_story`."""
+        import arviz as az
+
+        steps = STEPS if steps is None else steps
+        warm_up, advance = 2 * steps // 3, progress(f"{name}, steps of chains", steps)
+        with jax.enable_x64(True):
+            keys = jax.random.split(jax.random.key(derived_seed(seed, Purpose.CHAINS)), CHAINS)
+            state: Any = self.kernel.init(keys, warm_up, None, given, {})
+            kept = []
+            for number in range(steps):  # step by step, as no signal is handled while a compiled program runs
+                state = self.forward(state, given)
+                seen = jax.tree.map(np.asarray, (state.z, state.diverging))
+                if number >= warm_up:
+                    kept.append(seen)
+                advance(1)
+            free, diverged = jax.tree.map(lambda *each: np.stack(each, axis=1), *kept)
+            sites = {name: np.asarray(values) for name, values in self.finish(free, given).items()}
+        flat = az.from_dict({"posterior": {name: values for name, values in sites.items() if values.size}})
+        posterior: Any = flat["posterior"].dataset
+        stats = {"r_hat": _worst(az.rhat(posterior), np.nanmax), "ess": _worst(az.ess(posterior), np.nanmin)}
+        return SamplePosterior(convert(sites), {**stats, "divergences": float(diverged.sum())})
 
 
 def _worst(diagnostic: xr.Dataset, pick: Callable[[NDArray[np.float64]], float]) -> float:

@@ -6,6 +6,7 @@ Hoffman and Gelman, JMLR 15 (2014) 1593 (NUTS); Kucukelbir et al., JMLR 18 (2017
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
+from math import prod
 from typing import Any, NamedTuple
 
 import jax
@@ -23,11 +24,12 @@ from ...errors import InputError
 from ...progress import Progress, no_progress
 from ...seeds import Purpose, derived_seed, generator
 from ..fits.nuts import sample_story
-from ..fits.posterior import Convergence, SamplePosterior
+from ..fits.posterior import Convergence
 from ..likelihood.shapes import Parameters
 from .contract import StoryCall, StoryFunction
 from .form import key_from
 from .observed import peeled
+from .posteriors import ChainPosterior, GuidePosterior
 from .structure import OBSERVED, Structure, told_in
 
 STARTS, TRIED, STEPS, RUNS = 3, 200, 800, 5
@@ -38,68 +40,9 @@ _STILL, _PER_SAMPLE = 0.5, 1e-3  # change between windows in nats per tap, and p
 _CENTRED = 200  # draws of a guide whose mean is taken
 _TRIES = 10  # draws from the prior at which a density is looked at
 _FAR = 10.0  # times by which a prior must miss the level or spread of the taps to be called far
+_AUTOMATIC = AutoNormal | AutoDelta | AutoLaplaceApproximation
+_silent = no_progress("", 0)
 _MOST_CURVED = 5000  # dimensions of a Laplace approximation
-
-
-class GuidePosterior(NamedTuple):
-    """Posterior given by a guide of NumPyro.
-
-    Attributes:
-        centre: Latent variables at the mean of the unconstrained ones, by name.
-        sampled: From a key of JAX to a draw.
-        told: How it was found.
-    """
-
-    centre: Parameters
-    sampled: Callable[[Any], dict[str, Any]]
-    told: Convergence
-
-    def point(self) -> Parameters:
-        """Latent variables at the mean of the unconstrained ones."""
-        return self.centre
-
-    def convergence(self) -> Convergence:
-        """Convergence of the fit."""
-        return self.told
-
-    def draw(self, generator: np.random.Generator) -> Parameters:
-        """Latent variables from the posterior."""
-        with jax.enable_x64(True):
-            found = self.sampled(key_from(generator))
-        return {name: np.asarray(found[name], dtype=np.float64) for name in self.centre}
-
-
-class ChainPosterior(NamedTuple):
-    """Posterior given by Markov chains.
-
-    Attributes:
-        centre: As in `GuidePosterior`.
-        chains: All draws.
-    """
-
-    centre: Parameters
-    chains: SamplePosterior
-
-    def point(self) -> Parameters:
-        """Latent variables at the mean of the unconstrained ones."""
-        return self.centre
-
-    def convergence(self) -> Convergence:
-        """R-hat, effective sample size and divergences."""
-        return self.chains.convergence()
-
-    @property
-    def sizes(self) -> tuple[int, int]:
-        """Numbers of chains and of draws of each."""
-        return self.chains.sizes
-
-    def at(self, chain: int, draw: int, generator: np.random.Generator) -> Parameters:
-        """One draw of a chain."""
-        return self.chains.at(chain, draw, generator)
-
-    def draw(self, generator: np.random.Generator) -> Parameters:
-        """One of the draws."""
-        return self.chains.draw(generator)
 
 
 class Fit(NamedTuple):
@@ -128,6 +71,15 @@ class Fit(NamedTuple):
         return self.story(self.batch, samples)
 
     @property
+    def summed(self) -> Callable[[Any], Any]:
+        """The same, marked so that discrete latent variables are summed out."""
+        if not self.structure.enumerated:
+            return self.run
+        from numpyro.contrib.funsor import config_enumerate
+
+        return config_enumerate(self.run)
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Names of the continuous latent variables."""
         return tuple(self.structure.dims)
@@ -150,7 +102,7 @@ def posterior(fit: Fit, method: str) -> GuidePosterior | ChainPosterior:
             return _chains(fit)
         if method == "laplace":
             _check_size(fit)
-        return _guided(fit, method)
+        return Variational.of(fit, method).posterior(fit)
 
 
 @contextmanager
@@ -181,77 +133,125 @@ def _latents(fit: Fit) -> dict[str, Any]:
     return {name: sites[name]["value"] for name in fit.names}
 
 
-def _guided(fit: Fit, method: str) -> GuidePosterior:
-    # Values made from latent variables, too: a guide would run the model for them without its taps.
-    hidden = block(fit.run, hide_fn=lambda s: s["type"] == "deterministic" or s.get("name") in fit.structure.enumerated)
-    kinds: dict[str, Any] = {"svi": AutoNormal, "map": AutoDelta, "laplace": AutoLaplaceApproximation}
-    if method == "svi" and fit.story.guide is not None:
-        guide: Any = lambda samples: fit.story.guide_of(fit.batch, samples)  # noqa: E731
-    else:
-        guide = kinds[method](hidden, init_loc_fn=init_to_median)
-    model, loss = _summed(fit)
-    # In every run the rate falls to a fiftieth.
-    svi = SVI(model, guide, Adam(lambda step: _RATE * 0.02 ** ((step % STEPS) / STEPS)), loss)
-    N, J, K = fit.samples.shape
-    data = jax.numpy.asarray(fit.samples)
+class Variational(NamedTuple):
+    """A variational fit as compiled programs, for all taps of the same classes and numbers.
 
-    # Compiled as one program instead of one per operation. Guides keep tracers, of which they read only the shapes.
-    begin = jax.jit(lambda key: svi.init(key, data))
-    # One program for every run: `svi.run` compiles at each call.
-    forward = jax.jit(lambda state, data: jax.lax.scan(lambda s, _: svi.update(s, data), state, length=_AT_ONCE))
+    Attributes:
+        method: `svi`, `map` or `laplace`.
+        guide: Its guide.
+        svi: What is fitted.
+        begin: From a key and samples to a state.
+        forward: From a state and samples to the state some steps later, and their losses.
+        drawn: From a key, parameters of the guide and samples to latent variables.
+    """
 
-    starts = STARTS if method == "svi" else 1
-    most = RUNS if fit.steps is None else -(-fit.steps // STEPS)
-    left = starts * TRIED + most * STEPS
-    advance = fit.progress(f"{fit.story.name}, steps", left)
+    method: str
+    guide: Any
+    svi: SVI
+    begin: Callable[[Any, Any], Any]
+    forward: Callable[[Any, Any], tuple[Any, Any]]
+    drawn: Callable[[Any, Any, Any], dict[str, Any]]
 
-    def run(steps: int, state: Any) -> tuple[Any, NDArray[np.float64]]:
-        nonlocal left
-        losses = []
+    @classmethod
+    def of(cls, fit: Fit, method: str) -> "Variational":
+        """Programs for taps like those of a fit."""
+        # Values made from latent variables, too: a guide would run the model for them without its taps.
+        hidden = block(
+            fit.run, hide_fn=lambda s: s["type"] == "deterministic" or s.get("name") in fit.structure.enumerated
+        )
+        kinds: dict[str, Any] = {"svi": AutoNormal, "map": AutoDelta, "laplace": AutoLaplaceApproximation}
+        if method == "svi" and fit.story.guide is not None:
+            guide: Any = lambda samples: fit.story.guide_of(fit.batch, samples)  # noqa: E731
+        else:
+            guide = kinds[method](hidden, init_loc_fn=init_to_median)
+        loss = TraceEnum_ELBO(max_plate_nesting=8) if fit.structure.enumerated else Trace_ELBO()
+        # In every run the rate falls to a fiftieth.
+        svi = SVI(fit.summed, guide, Adam(lambda step: _RATE * 0.02 ** ((step % STEPS) / STEPS)), loss)
+        data = jax.numpy.asarray(fit.samples)
+
+        def begin(key: Any, samples: Any) -> Any:
+            # Guides keep tracers, of which they read only the shapes; that of `laplace` computes with its samples.
+            return svi.init(key, data if method == "laplace" else samples)
+
+        def forward(state: Any, samples: Any) -> tuple[Any, Any]:
+            return jax.lax.scan(lambda s, _: svi.update(s, samples), state, length=_AT_ONCE)
+
+        def drawn(key: Any, params: Any, samples: Any) -> Any:
+            if isinstance(guide, _AUTOMATIC):
+                return guide.sample_posterior(key, params)
+            found: Any = Predictive(guide, params=params, num_samples=1)(key, samples)
+            return {name: found[name][0] for name in fit.names}
+
+        # Compiled as one program instead of one per operation, and once for every run: `svi.run` compiles at each call.
+        return cls(method, guide, svi, jax.jit(begin), jax.jit(forward), jax.jit(drawn))
+
+    @property
+    def starts(self) -> int:
+        """Number of random starts."""
+        return STARTS if self.method == "svi" else 1
+
+    def best_start(
+        self, fit: Fit, advance: Callable[[int], None] = _silent
+    ) -> tuple[Any, NDArray[np.float64], list[float]]:
+        """State and losses of the best of some short runs from random starts, and the mean losses at all ends.
+
+        Raises:
+            InputError: The log density is not finite at any start.
+        """
+        keys = [jax.random.key(derived_seed(fit.seed, Purpose.CHAINS, number)) for number in range(self.starts)]
+        begun = [self.run(TRIED, self.begin(key, fit.samples), fit, advance) for key in keys]
+        ends = [float(losses[-_WINDOW:].mean()) for _, losses in begun]
+        if not np.isfinite(ends).any():
+            raise InputError(
+                f"The log density of {fit.story.name} is not finite at any start; check scales and supports."
+            )
+        return *begun[int(np.nanargmin(ends))], ends
+
+    def run(
+        self, steps: int, state: Any, fit: Fit, advance: Callable[[int], None] = _silent
+    ) -> tuple[Any, NDArray[np.float64]]:
+        """State after some more steps, and their losses in nats per tap; `advance` is called with numbers of steps."""
+        data, losses = jax.numpy.asarray(fit.samples), []
         for _ in range(steps // _AT_ONCE):
-            state, more = forward(state, data)
-            losses.append(np.asarray(more, dtype=np.float64) / N)  # waits for the result, so a signal is handled here
-            left -= _AT_ONCE
+            state, more = self.forward(state, data)
+            # Waits for the result, so a signal is handled here.
+            losses.append(np.asarray(more, dtype=np.float64) / len(data))
             advance(_AT_ONCE)
         return state, np.concatenate(losses)
 
-    keys = [jax.random.key(derived_seed(fit.seed, Purpose.CHAINS, number)) for number in range(starts)]
-    begun = [run(TRIED, begin(key)) for key in keys]
-    ends = [float(losses[-_WINDOW:].mean()) for _, losses in begun]
-    if not np.isfinite(ends).any():
-        raise InputError(f"The log density of {fit.story.name} is not finite at any start; check scales and supports.")
-    state, losses = begun[int(np.nanargmin(ends))]
-    still, change, runs = max(_STILL, _PER_SAMPLE * J * K), np.inf, 0
-    while change > still and runs < most:
-        state, more = run(STEPS, state)
-        losses, runs = np.append(losses, more), runs + 1
-        change = _change(losses)
-    advance(left)
-    params = svi.get_params(state)
-    told = _told(method, change, still, losses, ends)
-    if isinstance(guide, AutoNormal | AutoDelta | AutoLaplaceApproximation):
-        automatic: Any = guide
-        centre = automatic.median(params)
-        if method == "laplace" and _singular(automatic, params):
-            told = told._replace(
-                converged=False,
-                sentence="The curvature at the most probable values is singular, so nothing can be drawn; try svi.",
-            )
+    def posterior(self, fit: Fit) -> GuidePosterior:
+        """Posterior given the taps of a fit."""
+        most = RUNS if fit.steps is None else -(-fit.steps // STEPS)
+        advance = fit.progress(f"{fit.story.name}, steps", self.starts * TRIED + most * STEPS)
+        state, losses, ends = self.best_start(fit, advance)
+        still, runs, change = largest_change(fit), 0, np.inf
+        while change > still and runs < most:
+            state, more = self.run(STEPS, state, fit, advance)
+            losses, runs = np.append(losses, more), runs + 1
+            change = last_change(losses)
+        advance((most - runs) * STEPS)
+        return self.posterior_at(state, fit, _told(self.method, change, still, losses, ends))
 
-        @jax.jit
+    def posterior_at(self, state: Any, fit: Fit, told: Convergence) -> GuidePosterior:
+        """Posterior in a state."""
+        params = self.svi.get_params(state)
+
         def sampled(key: Any) -> dict[str, Any]:
-            return automatic.sample_posterior(key, params)
-    else:
+            return self.drawn(key, params, fit.samples)
 
-        @jax.jit
-        def sampled(key: Any) -> dict[str, Any]:
-            drawn: Any = Predictive(guide, params=params, num_samples=1)(key, data)
-            return {name: drawn[name][0] for name in fit.names}
-
-        many = [sampled(key_from(generator(fit.seed, Purpose.CENTRE, number))) for number in range(_CENTRED)]
-        centre = _centre(fit, {name: np.stack([one[name] for one in many]) for name in fit.names})
-    centre = {name: np.asarray(centre[name], dtype=np.float64) for name in fit.names}
-    return GuidePosterior(centre, sampled, told)
+        if isinstance(self.guide, _AUTOMATIC):
+            automatic: Any = self.guide
+            centre = automatic.median(params)
+            if self.method == "laplace" and _singular(automatic, params):
+                told = told._replace(
+                    converged=False,
+                    sentence="The curvature at the most probable values is singular, so nothing can be drawn; try svi.",
+                )
+        else:
+            many = [sampled(key_from(generator(fit.seed, Purpose.CENTRE, number))) for number in range(_CENTRED)]
+            centre = _centre(fit, {name: np.stack([one[name] for one in many]) for name in fit.names})
+        centre = {name: np.asarray(centre[name], dtype=np.float64) for name in fit.names}
+        return GuidePosterior(centre, sampled, told)
 
 
 def _singular(guide: AutoLaplaceApproximation, params: Any) -> bool:
@@ -259,16 +259,13 @@ def _singular(guide: AutoLaplaceApproximation, params: Any) -> bool:
     return not np.diagonal(jax.jit(lambda: guide.get_transform(params).scale_tril)()).all()
 
 
-def _summed(fit: Fit) -> tuple[Any, Any]:
-    """The model and the loss of a variational fit, discrete latent variables summed out."""
-    if not fit.structure.enumerated:
-        return fit.run, Trace_ELBO()
-    from numpyro.contrib.funsor import config_enumerate
-
-    return config_enumerate(fit.run), TraceEnum_ELBO(max_plate_nesting=8)
+def largest_change(fit: Fit) -> float:
+    """Change of the mean loss between two windows that counts as none, in nats per tap."""
+    return max(_STILL, _PER_SAMPLE * prod(fit.samples.shape[1:]))
 
 
-def _change(losses: NDArray[np.float64]) -> float:
+def last_change(losses: NDArray[np.float64]) -> float:
+    """Change of the mean loss between the last two windows, in nats per tap."""
     return float(abs(losses[-_WINDOW:].mean() - losses[-2 * _WINDOW : -_WINDOW].mean()))
 
 
@@ -285,7 +282,7 @@ def _told(method: str, change: float, still: float, losses: NDArray[np.float64],
 
 def _chains(fit: Fit) -> ChainPosterior:
     chains = sample_story(
-        partial(fit.run, jax.numpy.asarray(fit.samples)),
+        partial(fit.summed, jax.numpy.asarray(fit.samples)),
         lambda sites: {name: sites[name] for name in fit.names},
         fit.seed,
         fit.steps,

@@ -201,7 +201,8 @@ def test_a_function_of_a_user_has_all_groups(taps, monkeypatch):
     monkeypatch.setattr(generic_fit, "check_prior", lambda _: "")
     model = fit(taps, shifted, bins=20, method="map", unconverged=True)
     tree = to_arviz(model, taps, draws=2)
-    latents = {name: tree["posterior"][name].values[0, 0].astype(float) for name in ("loc", "drift", "shift")}
+    names = "loc", "scale", "drift", "shift"
+    latents = {name: tree["posterior"][name].values[0, 0].astype(float) for name in names}
 
     assert set(tree["prior"].data_vars) == set(latents)
     assert latents["shift"].shape == (3, K)

@@ -56,7 +56,7 @@ def test_discrete_variables_of_samples_are_to_be_summed_out():
     found = structure(two_levels)
 
     assert found.enumerated == ("upper",)
-    assert set(found.dims) == {"low", "gap"}
+    assert set(found.dims) == {"low", "gap", "scale", "share"}
 
 
 def test_variables_of_sessions_are_known_by_their_axis():

@@ -125,9 +125,10 @@ def by_hand(name, model, taps):
     if name == "levels":
         return log_probability(stats.norm(own["level"], 1.0), lower, upper).sum(axis=(-2, -1))
     if name == "two_levels":
+        low, gap, scale, share = (own[key][:, :, None] for key in ("low", "gap", "scale", "share"))
         parts = [
-            np.log(weight) + log_probability(stats.norm(own["low"][:, :, None] + shift, 1.0), lower, upper)
-            for weight, shift in ((0.7, 0.0), (0.3, own["gap"][:, :, None]))
+            np.log(weight) + log_probability(stats.norm(low + shift, scale), lower, upper)
+            for weight, shift in ((1 - share, 0.0), (share, gap))
         ]
         return logsumexp(parts, axis=0).sum(axis=(-2, -1))
     before = np.concatenate([np.zeros_like(samples[..., :1, :]), samples[..., :-1, :]], axis=-2)
