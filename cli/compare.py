@@ -19,7 +19,7 @@ def compare(
         str, Option(help="Models separated by commas, the reference first, such as histogram,profile; or all.")
     ] = "all",
     out: Annotated[Path | None, Option(help="Folder for the results; default: runs/<date-time>-compare.")] = None,
-    division: Annotated[Division, Fields(*DIVIDED, "training_taps")] = Division(),
+    division: Annotated[Division, Fields(*DIVIDED, "training_taps", "missing")] = Division(),
     fit: Annotated[FitSettings, Fields(*FITTING, "unconverged")] = FitSettings(),
     draws: Annotated[
         int,

@@ -16,7 +16,7 @@ from .shared.report import show_page
 def crosscheck(
     data: Data,
     model: ModelOrAll = "histogram",
-    division: Annotated[Division, Fields(*DIVIDED, "training_taps")] = Division(),
+    division: Annotated[Division, Fields(*DIVIDED, "training_taps", "missing")] = Division(),
     fit: Annotated[FitSettings, Fields(*FITTING, "saturation", "unconverged")] = FitSettings(),
     play: Annotated[PlaySettings, Fields("border")] = PlaySettings(),
     episodes: Annotated[int, Option(min=1, help="Number of episodes.")] = 10,

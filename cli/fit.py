@@ -37,7 +37,7 @@ def fit(
     data: Data,
     out: Annotated[Path, Option(help="File to write, such as model.nc.")],
     model: Model = "histogram",
-    division: Annotated[Division, Fields(*DIVIDED)] = Division(training_taps=True),
+    division: Annotated[Division, Fields(*DIVIDED, "missing")] = Division(training_taps=True),
     settings: Annotated[
         FitSettings,
         Fields(*FITTING, "saturation", "unconverged", gain_sd=_GainSd, offset_sd=_OffsetSd),

@@ -9,7 +9,7 @@ from typer import Argument, Context, Option
 from ..models.errors import InputError
 from ..models.settings import PlaySettings
 from .shared.interrupt import loading, terminable
-from .shared.options import Fields, Force, Seed, SettingFile, Story, TrainingTaps, given, merged, spelled_out
+from .shared.options import Fields, Force, Missing, Seed, SettingFile, Story, TrainingTaps, given, merged, spelled_out
 from .shared.recording import check_record, kept, recording
 from .shared.untrained import untrained
 
@@ -110,6 +110,7 @@ def perceive(
     home: Annotated[bool, Option("--home", help="Home the stage first; it moves to its limit switches.")] = False,
     story: Story = None,
     training_taps: TrainingTaps = False,
+    missing: Missing = "refuse",
     setting: SettingFile = None,
     seed: Seed = 0,
     force: Force = False,
@@ -140,7 +141,7 @@ def perceive(
         from .shared.showing import latency_sentence, show
         from .shared.stopping import choose_ends
 
-        fitted = load_model(model, story)
+        fitted = load_model(model, story, missing)
         if read is not None:
             read.check_model(fitted, str(model), str(setting))
         name = move or ("passive" if play.passive else f"fixation:{play.theta_x!r}")
@@ -159,7 +160,7 @@ def perceive(
         if rig.endswith(".toml"):
             shown.note(f"Connecting to the rig of {rig}; the finger must touch nothing.")
         fresh = partial(untrained, fitted, keep=training_taps)
-        with open_source(rig, fitted.grid, Wish(start, what, seed), home, recorder, fresh) as source:
+        with open_source(rig, fitted.grid, Wish(start, what, seed), home, recorder, fresh, missing) as source:
             shown.note(
                 f"{source.name}, engine {timed.name}, warmed up in {warm_up_s:.1f} s; beliefs follow object and "
                 f"position, moves are in positions{_promised(novelty, unknown)}"

@@ -58,7 +58,7 @@ def reproduce(
     thresholds: Thresholds = None,
     play: Annotated[PlaySettings, Fields("theta_x", "fixation", "deadline", "border")] = PlaySettings(),
     model: Model = "histogram",
-    division: Annotated[Division, Fields(*DIVIDED, "training_taps")] = Division(),
+    division: Annotated[Division, Fields(*DIVIDED, "training_taps", "missing")] = Division(),
     fit: Annotated[FitSettings, Fields(*FITTING, "saturation", "unconverged")] = FitSettings(),
     setting: SettingFile = None,
     seed: Seed = 0,

@@ -12,6 +12,7 @@ from .shared.interrupt import loading, terminable
 from .shared.options import (
     Fields,
     Force,
+    Missing,
     Seed,
     TestSessions,
     Thresholds,
@@ -45,6 +46,7 @@ def trials(
     thresholds: Thresholds = None,
     test: TestSessions = None,
     training_taps: TrainingTaps = False,
+    missing: Missing = "refuse",
     seed: Seed = 0,
     device: Annotated[
         Literal["cpu", "gpu", "xla-cpu"],
@@ -75,6 +77,7 @@ def trials(
                 stop=parse_thresholds(thresholds),
                 sessions=parse_sessions(test, "--test"),
                 training_taps=training_taps,
+                missing=missing,
                 seed=seed,
                 device=device,
                 workers=workers,

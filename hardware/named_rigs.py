@@ -18,6 +18,7 @@ from ..models.io.recording import naming
 from ..models.io.rig_recording import TapLabel
 from ..models.preprocessing import Preprocessing
 from ..models.seeds import Purpose, generator
+from ..models.settings import Missing
 from ..models.taps import TapSet
 from .journal import Journal, NoJournal
 from .replay import ReplayRig
@@ -192,6 +193,7 @@ def open_source(
     home: bool = False,
     journal: Journal | None = None,
     fresh: Callable[[TapSet], TapSet] | None = None,
+    missing: Missing = "refuse",
 ) -> Iterator[PlaceableRig]:
     """Rig named by `--rig`, brought to rest at the end of the block.
 
@@ -202,6 +204,7 @@ def open_source(
         home: Whether to home a real stage first.
         journal: Records the events of a real rig.
         fresh: Selects the recorded taps to use; default: all.
+        missing: What to do with recorded samples that are NaN: `"refuse"` or `"drop"` them.
 
     Raises:
         InputError: The rig is unknown or cannot be placed as requested, or as `fresh`.
@@ -210,7 +213,7 @@ def open_source(
     if rig == _SIMULATED or rig.startswith(f"{_SIMULATED}:"):
         yield _simulated(rig, grid, wish)
     elif rig.startswith(_REPLAY):
-        yield _replayed(rig.removeprefix(_REPLAY), grid, wish, fresh)
+        yield _replayed(rig.removeprefix(_REPLAY), grid, wish, fresh, missing)
     elif rig.endswith(".toml"):
         with _real(rig, grid, wish, home, journal) as source:
             yield source
@@ -232,8 +235,10 @@ def _simulated(rig: str, grid: ClassGrid, wish: Wish) -> PlaceableRig:
     return PlaceableRig(f"simulated rig, preset {name}", place)
 
 
-def _replayed(path: str, grid: ClassGrid, wish: Wish, fresh: Callable[[TapSet], TapSet] | None) -> PlaceableRig:
-    taps = load_taps(path)
+def _replayed(
+    path: str, grid: ClassGrid, wish: Wish, fresh: Callable[[TapSet], TapSet] | None, missing: Missing
+) -> PlaceableRig:
+    taps = load_taps(path, missing)
     if fresh is not None:
         with naming(path):
             taps = fresh(taps)

@@ -9,6 +9,7 @@ from ..models.errors import InputError
 from ..models.grid import ClassGrid, tap_pool
 from ..models.io.load import TapSource, taps_of
 from ..models.preprocessing import Preprocessing
+from ..models.taps import TapSet
 from .sensor import check_class, clipped_move
 
 type Chance = Iterator[float] | np.random.Generator
@@ -72,7 +73,7 @@ class ReplayRig:
 
     def __init__(self, taps: TapSource, grid: ClassGrid, start: int, what: int, uniforms: Chance | None = None) -> None:
         check_class(grid, start, what)
-        self._taps = taps = taps_of(taps)
+        self._taps = taps = taps if isinstance(taps, TapSet) else taps_of(taps)
         self._last = grid.L - 1
         self._step = np.diff(grid.where_value)
         self._pool = tap_pool(*taps.indices(grid), grid.shape)

@@ -13,7 +13,7 @@ from ..models.measurement.histogram import trim
 from ..models.measurement.model import TapModel
 from ..models.measurement.registry import KINDS, PAPER, AnyModel, model_name, split_name, takes_steps
 from ..models.progress import Progress, no_progress
-from ..models.settings import FitSettings
+from ..models.settings import FitSettings, Missing
 from .tuning.tempering import fit_tempered
 
 
@@ -23,6 +23,7 @@ def fit(
     model: AnyModel = "histogram",
     *,
     grid: ClassGrid | None = None,
+    missing: Missing = "refuse",
     progress: Progress = no_progress,
     **settings: Any,
 ) -> TapModel:
@@ -39,6 +40,8 @@ def fit(
         model: Its name, see docs/reference/models.md, or a NumPyro function, see docs/how-to/your-own-model.md.
         grid: The classes; those of the taps' own tables where none are given. Objects without a tap and empty ends of
             the range are taken out and named in `left_out`, so classes are counted as in the `grid` of the model.
+        missing: What to do with samples of files that are NaN: `"refuse"` the file, or `"drop"` them, so that they do
+            not count; the model then drops them from its likelihood, too.
         progress: Called with the name of every long stage of a fit and its number of steps; returns the function that
             advances it.
         settings: Fields of `FitSettings`, such as `bins=100`, `pseudocount=0.01` or `power="J"`; a power may also be
@@ -57,7 +60,7 @@ def fit(
     given = FitSettings(**settings)
     name = model_name(model)
     check_used(name, given)
-    taps = all_taps_of(taps)
+    taps = all_taps_of(taps, missing)
     if grid is not None and not isinstance(grid, ClassGrid):
         raise InputError(f"grid must be a ClassGrid, got {type(grid).__name__}.")
     if grid is not None and "" not in (units := {grid.where_unit, taps.where_unit}) and len(units) > 1:

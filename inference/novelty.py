@@ -186,7 +186,7 @@ class Novelty:
         return self._model.trained
 
     def misfit(self, taps: ArrayLike) -> NDArray[np.float64]:
-        """Misfit of taps to each class, infinite for untrained ones.
+        """Misfit of taps to each class, infinite for untrained ones; 0 where samples are missing, which shows nothing.
 
         Args:
             taps: Prepared samples, shape (..., J, K).
@@ -201,7 +201,9 @@ class Novelty:
         self._model.check_samples(taps)
         bins = find_bins(taps.reshape(-1, *taps.shape[-2:]), self._edges)
         share = np.concatenate(list(tap_counts(bins, self._model.counts.shape[3]))) / taps.shape[-2]
-        value = np.where(self._known, misfits(share, self._log_prob), np.inf)
+        whole = (bins >= 0).all(axis=(1, 2))
+        found = np.where(whole[:, np.newaxis], misfits(share, self._log_prob), 0.0)
+        value = np.where(self._known, found, np.inf)
         return value.reshape(*taps.shape[:-2], *self._model.grid.shape)
 
     def p_values(self, misfit: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -23,13 +23,13 @@ def log_likelihood(
     """Log P(z | where, hypothesis) of one tap, shape (L, H); Eq. 1 with the probability of the form.
 
     Args:
-        tap: Prepared samples, shape (J, K).
+        tap: Prepared samples, shape (J, K); those that are NaN do not count, which requires independent samples.
         form: Form of the model.
         edges: Bin edges, shape (B + 1,) or (K, B + 1).
         exponent: Power of the likelihood.
     """
     if isinstance(form, TableForm):
-        return reference.tap_log_likelihood(reference.tap_bins(tap, edges), form.log_prob, exponent)
+        return table_log_likelihood(tap, form.log_prob, edges, exponent)
     if isinstance(form, GaussianForm):
         return exponent * _log_mixture(np.asarray(tap, dtype=np.float64), form, edges)
     if isinstance(form, MixtureForm):
@@ -40,15 +40,31 @@ def log_likelihood(
     return out[0]
 
 
+def table_log_likelihood(
+    tap: NDArray[np.floating], log_prob: NDArray[np.float64], edges: NDArray[np.float64], exponent: float
+) -> NDArray[np.float64]:
+    """Eq. 1 from the samples that are there, taxel by taxel; `log_prob` has shape (L, H, K, B)."""
+    if not np.isnan(tap).any():
+        return reference.tap_log_likelihood(reference.tap_bins(tap, edges), log_prob, exponent)
+    total = np.where(np.isneginf(log_prob).all(axis=(2, 3)), -np.inf, 0.0)
+    for k in range(tap.shape[1]):
+        there = tap[~np.isnan(tap[:, k]), k]
+        bins = reference.bin_index(there, edges if edges.ndim == 1 else edges[k])
+        total += reference.tap_log_likelihood(bins[:, np.newaxis], log_prob[:, :, [k]], exponent)
+    return total
+
+
 def _log_mixture(tap: NDArray[np.float64], form: GaussianForm, edges: NDArray[np.float64]) -> NDArray[np.float64]:
     """Log of the sum over q of weight q times the probability of the tap's bins under Gaussian q, shape (L, H)."""
+    there = ~np.isnan(tap)
+    tap = np.where(there, tap, 0.0)
     lower, upper = _bin_of_each_sample(tap, edges)
     total = np.full(form.shape, -np.inf)
     for q in range(len(form.log_weight)):
         innovation = innovations(tap, form, q)
         forecast = tap - innovation
         log_prob = log_normal_interval((lower - forecast) / form.scale[q], (upper - forecast) / form.scale[q])
-        total = np.logaddexp(total, form.log_weight[q] + log_prob.sum(axis=(2, 3)))
+        total = np.logaddexp(total, form.log_weight[q] + log_prob.sum(axis=(2, 3), where=there))
     return total
 
 

@@ -88,6 +88,7 @@ def learned_taps(power: str | float) -> int | None:
 
 type ValueRange = Literal["global", "taxel"]
 type Border = Literal["uniform", "uniform_what", "prior", "clamp", "circular"]
+type Missing = Literal["refuse", "drop"]
 type Method = Literal["closed", "svi", "nuts", "map", "laplace"]
 _LARGEST = sys.float_info.max
 
@@ -234,6 +235,7 @@ class Division(Checked, frozen=True, kw_only=True):
         train: Sessions to train with, such as `"0,1"`.
         test: Sessions to test.
         training_taps: Whether to keep test taps that are among the training taps; the split's warning names them.
+        missing: What to do with samples that are NaN: `"refuse"` the taps, or `"drop"` these samples, see `TapSet`.
     """
 
     where_cell: str | None = None
@@ -242,6 +244,7 @@ class Division(Checked, frozen=True, kw_only=True):
     train: str | None = None
     test: str | None = None
     training_taps: bool = False
+    missing: Missing = "refuse"
 
     def refuse_split(self, reason: str) -> None:
         """Checks that no option is given that splits one file.

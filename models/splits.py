@@ -230,14 +230,14 @@ def load_experiment(data: Sequence[TapSource], division: Division | None = None)
     if not 1 <= len(data) <= 2:
         raise InputError(f"Give one data file, or two (TRAIN and TEST), got {len(data)}.")
     division = division or Division()
-    first = taps_of(data[0])
+    first = taps_of(data[0], division.missing)
     grid = first.grid(division.where_cell, division.what_cell)
     if len(data) == 1:
         sessions = parse_sessions(division.train, "--train"), parse_sessions(division.test, "--test")
         parts = split(first, grid, division.split, *sessions)
     else:
         division.refuse_split("with two files the first trains and the second tests")
-        parts = two_files(first, taps_of(data[1]), names_of(data))
+        parts = two_files(first, taps_of(data[1], division.missing), names_of(data))
     for fold in parts.folds:
         for verb, side in (("train with", fold.train), ("test", fold.test)):
             if not np.any(np.minimum(*side.indices(grid)) >= 0):

@@ -18,7 +18,8 @@ name                dims                meaning
 ``where_edges``     where_edge          optional: class ``l`` covers ``[edge l, edge l + 1)``
 ==================  ==================  ===================================================================
 
-Attributes: ``sensor``, ``source``, ``licence``, ``preprocessing`` (JSON), ``format``.
+Attributes: ``sensor``, ``source``, ``licence``, ``preprocessing`` (JSON), ``format``, and ``missing`` with the value
+``drop`` where samples may be NaN, which models then leave out.
 """
 
 from collections.abc import Mapping, Sequence
@@ -34,6 +35,7 @@ from numpy.typing import ArrayLike, NDArray
 from .errors import InputError, check_numbers
 from .grid import ClassGrid, group, parse_length, values_from_names
 from .preprocessing import Preprocessing
+from .settings import Missing
 from .storage import check_netcdf_name, check_writable, complete_file, read_groups
 
 FORMAT = 1
@@ -68,7 +70,7 @@ class TapSet:
 
     Raises:
         InputError: An array is missing, has the wrong shape, holds NaN or infinite values, or labels point
-            outside their table.
+            outside their table. NaN samples are accepted where the attribute `missing` is `drop`.
     """
 
     dataset: xr.Dataset
@@ -101,6 +103,7 @@ class TapSet:
         source: str = "",
         licence: str = "",
         extra: Mapping[str, ArrayLike] | None = None,
+        missing: Missing = "refuse",
     ) -> Self:
         """Tap set from plain arrays.
 
@@ -123,6 +126,8 @@ class TapSet:
             source: Origin of the data.
             licence: Licence of the data.
             extra: Further arrays whose first axis is the tap and whose second, if any, the taxel.
+            missing: What to do with samples that are NaN: `"refuse"` them, or `"drop"` to accept them and leave them
+                out of the fit and the likelihood.
 
         Raises:
             InputError: As the class.
@@ -176,6 +181,7 @@ class TapSet:
             "licence": licence,
             "preprocessing": preprocessing.to_json(),
             "format": FORMAT,
+            **_marked(missing),
         }
         for name, (dims, values, *_) in {**coords, **variables}.items():
             axes = 1 if isinstance(dims, str) else len(dims)
@@ -227,6 +233,11 @@ class TapSet:
     def preprocessing(self) -> Preprocessing:
         """Preprocessing of the samples."""
         return Preprocessing.from_json(self.dataset.attrs["preprocessing"])
+
+    @property
+    def missing(self) -> Missing:
+        """Whether samples that are NaN are to be dropped; else there are none."""
+        return "drop" if self.dataset.attrs.get("missing") == "drop" else "refuse"
 
     @property
     def simulated(self) -> bool:
@@ -340,8 +351,12 @@ class TapSet:
             self.dataset.to_netcdf(temporary, engine="h5netcdf")
 
     @classmethod
-    def load(cls, path: str | Path) -> Self:
+    def load(cls, path: str | Path, missing: Missing = "refuse") -> Self:
         """Tap set from a netCDF file.
+
+        Args:
+            path: The file.
+            missing: As in `from_arrays`.
 
         Raises:
             InputError: The file is missing, damaged or not a tap set.
@@ -350,7 +365,8 @@ class TapSet:
         if dataset.attrs.get("format") != FORMAT or "taps" not in dataset:
             raise InputError(f"{path}: not a tap set of format {FORMAT}.")
         try:
-            return cls(dataset)
+            dataset.attrs.pop("missing", None)  # whoever reads the file decides
+            return cls(dataset.assign_attrs(_marked(missing)))
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
 
@@ -429,16 +445,33 @@ def _coarser(
     return start + width * np.arange(len(groups) + 1, dtype=np.float64), values
 
 
+def _marked(missing: Missing) -> dict[str, str]:
+    """Attribute of a dataset whose samples may be missing."""
+    check_missing(missing)
+    return {"missing": missing} if missing == "drop" else {}
+
+
+def check_missing(missing: str) -> None:
+    """Checks how missing samples are to be treated.
+
+    Raises:
+        InputError: It is neither `refuse` nor `drop`.
+    """
+    if missing not in ("refuse", "drop"):
+        raise InputError(f"missing must be refuse or drop, got {missing!r}.")
+
+
 def _validate(dataset: xr.Dataset) -> None:
     _check_dims(dataset)
     sizes = dataset.sizes
     if min(sizes["tap"], sizes["sample"], sizes["taxel"]) < 1:
         raise InputError(f"taps must not be empty, got shape {dataset['taps'].shape}.")
-    for name in ("taps", "where", "what_value", "where_value", "where_edges", "taxel_position"):
+    _check_finite("taps", dataset["taps"].values, dataset.attrs.get("missing") == "drop")
+    for name in ("where", "what_value", "where_value", "where_edges", "taxel_position"):
         if name in dataset.variables:
             _check_finite(name, dataset[name].values)
     for name, values in dataset.data_vars.items():
-        if values.dtype.kind == "f":
+        if values.dtype.kind == "f" and name != "taps":
             _check_finite(str(name), values.values)
     for name in ("what", "session", "trial"):
         if dataset[name].dtype.kind not in "iu":
@@ -465,10 +498,10 @@ def _check_dims(dataset: xr.Dataset) -> None:
             raise InputError(f"Missing array {name}.")
 
 
-def _check_finite(name: str, values: NDArray[Any]) -> None:
+def _check_finite(name: str, values: NDArray[Any], may_miss: bool = False) -> None:
     if values.dtype.kind not in "fiub":
         raise InputError(f"{name} must hold numbers, got {values.dtype}.")
-    bad = np.argwhere(~np.isfinite(values))
+    bad = np.argwhere(np.isinf(values) if may_miss else ~np.isfinite(values))
     if len(bad):
         place = ", ".join(str(int(i)) for i in bad[0])
         raise InputError(f"{name}[{place}] is {values[tuple(bad[0])]}; NaN and infinite values are not accepted.")

@@ -211,12 +211,15 @@ def observe_tap(tables: TouchTables, where: Any, hypothesis: Any, tap: ArrayLike
         tables: The fitted measurement model.
         where: Index of the position.
         hypothesis: Index of the object in its state.
-        tap: Bin of each sample and taxel under a `TableForm`, the samples themselves otherwise; shape (J, K).
+        tap: Bin of each sample and taxel under a `TableForm`, the samples themselves otherwise; shape (J, K). A bin of
+            -1 and a sample that is NaN do not count.
     """
     form, (J, K) = tables.form, jnp.shape(tap)
     if isinstance(form, TableForm):
         with numpyro.plate("J", J, dim=-2), numpyro.plate("K", K, dim=-1):
-            numpyro.sample("bins", dist.CategoricalLogits(logits=form.log_prob[where, hypothesis]), obs=tap)
+            bin_of_sample, log_prob = jnp.asarray(tap), form.log_prob[where, hypothesis]
+            with numpyro.handlers.mask(mask=bin_of_sample >= 0):
+                numpyro.sample("bins", dist.CategoricalLogits(logits=log_prob), obs=jnp.maximum(bin_of_sample, 0))
         return
     if not isinstance(form, GaussianForm):
         numpyro.factor("tap", _log_probability(tables, where, hypothesis, tap))
@@ -230,7 +233,9 @@ def _log_probability(tables: TouchTables, where: Any, hypothesis: Any, tap: Arra
     """Log probability of the bins of a tap, of a mixture as the mean over its parts."""
 
     def of(part: Any) -> jax.Array:
-        seen = bin_indices(jnp.asarray(tap), tables.edges) if isinstance(part, TableForm) else tap
+        samples = jnp.asarray(tap)
+        bins = jnp.where(jnp.isnan(samples), -1, bin_indices(samples, tables.edges))
+        seen = bins if isinstance(part, TableForm) else samples
         arguments = (tables._replace(form=part), where, hypothesis, seen)
         return jnp.asarray(log_density(observe_tap, arguments, {}, {})[0])
 

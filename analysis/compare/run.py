@@ -64,7 +64,7 @@ class Comparison(NamedTuple):
             second group.
         stacking: ArviZ's comparison of these, a data frame; `None` with less than two models.
         groups: How groups were left out, in a sentence.
-        missing: Why models have no value for groups left out, a sentence each.
+        missing: Why models have no value for groups left out, or there are no predictive checks, a sentence each.
         checks: See `stats.checks`; `None` where they were skipped.
         classes: See `classes`.
         curves: See `stats.decisions.decision_curves`.
@@ -108,8 +108,10 @@ def compare_models(
     shared = _shared(fits, test)
     left_out = _leave_out_taps(fits, train, settings, clock)
     groups, elpd, sentence, missing = _leave_out_groups(fits, train, test, grid, fit, settings, clock)
-    checks = None
-    if settings.draws:
+    checks, incomplete = None, bool(np.isnan(train.taps).any())
+    if settings.draws and incomplete:
+        missing.append("Predictive checks are left out, because training taps have missing samples.")
+    if settings.draws and not incomplete:
         known = known_taps(train, grid, np.all([f.model.trained for f in fits.values()], axis=0))
         with clock.stage("Predictive checks", len(fits) * REPLICATES) as advance:
             checks = predictive_checks(fits, known, settings.seed, progress=advance)

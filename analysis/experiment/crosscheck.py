@@ -145,6 +145,7 @@ def crosscheck_model(
     """
     from ...models.touch import KERNEL_BORDERS  # noqa: PLC0415 - NumPyro takes seconds to import
 
+    model = model.judging(taps)
     generator = seeds.generator(seed, seeds.Purpose.EPISODES)
     names = ("numpy", "numpyro", "filter") if border in KERNEL_BORDERS else ("numpy", "filter")
     engines = [make_engine(name, model, border) for name in names]
@@ -160,7 +161,7 @@ def crosscheck_model(
         )
     else:
         comparison.add_story(model, taps)
-    raw = None if train is None else _raw_filter(model, train, settings or ExperimentSettings(), border, notes)
+    raw = None if train is None else _raw_filter(model, train, taps, settings or ExperimentSettings(), border, notes)
     if raw is not None:
         comparison.add_fit(model, raw)
     sequence = _SequenceRoute(model, border, min(sequence_taps, length) if "numpyro" in names else 0, notes)
@@ -360,10 +361,13 @@ def _script(engine: Engine, taps: TapSet, length: int, generator: np.random.Gene
 
 
 def _raw_filter(
-    model: TapModel, train: TapSet, settings: ExperimentSettings, border: Border, notes: list[str]
+    model: TapModel, train: TapSet, taps: TapSet, settings: ExperimentSettings, border: Border, notes: list[str]
 ) -> RawFilter | None:
     """The paper's filter from the training taps and the options that the user gave; None for other models."""
     if model.name != PAPER:
+        return None
+    if np.isnan(train.taps).any() or np.isnan(taps.taps).any():
+        notes.append("The route from raw taps was left out, because samples are missing.")
         return None
     power = settings.fit.power
     if learned_taps(power) is not None:

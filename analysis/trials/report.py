@@ -21,7 +21,7 @@ from ...models.io.load import TapSource, named, names_of, taps_of
 from ...models.io.model_file import ModelSource, model_of
 from ...models.measurement.model import TapModel
 from ...models.progress import Progress, no_progress
-from ...models.settings import PlaySettings
+from ...models.settings import Missing, PlaySettings
 from ...models.splits import select_sessions
 from ...models.storage import complete_file
 from ...models.training import untrained_taps
@@ -95,6 +95,7 @@ def trials(
     start: int | None = None,
     sessions: Sequence[int] | None = None,
     training_taps: bool = False,
+    missing: Missing = "refuse",
     seed: int = 0,
     device: str = "cpu",
     workers: int | None = None,
@@ -120,6 +121,7 @@ def trials(
         start: Position that all begin in, as index; `None` for any.
         sessions: Sessions of the taps to take; `None` for all.
         training_taps: Whether taps that trained the model are kept.
+        missing: What to do with samples of a file that are NaN: `"refuse"` or `"drop"` them.
         seed: Random seed.
         device: `"cpu"`, `"gpu"`, or `"xla-cpu"` for the code of the latter on the processor.
         workers: Threads; `None` for as many as there are cores.
@@ -142,7 +144,7 @@ def trials(
     fitted = model_of(model)
     called = Path(model).name if isinstance(model, str | Path) else "model"
     grid = fitted.grid
-    chosen = select_sessions(taps_of(taps), None if sessions is None else [*sessions], "--test")
+    chosen = select_sessions(taps_of(taps, missing), None if sessions is None else [*sessions], "--test")
     with named(taps):
         fitted.check_tapset(chosen)
     tested, sentence = untrained_taps(chosen, fitted.training, training_taps)

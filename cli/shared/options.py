@@ -138,6 +138,12 @@ Seed = Annotated[int, typer.Option("--seed", min=0, max=2**63 - 1, help="Random 
 TrainingTaps = Annotated[
     bool, typer.Option("--training-taps", help="Keep test taps that trained the model; by default they are left out.")
 ]
+Missing = Annotated[
+    Literal["refuse", "drop"],
+    typer.Option(
+        "--missing", help="Refuse taps with samples that are NaN, or drop these samples from fit and likelihood."
+    ),
+]
 Theta = Annotated[float, typer.Option("--theta", help="Belief in an object required for a decision.")]
 ThetaX = Annotated[float, typer.Option("--theta-x", help="Belief in a position required for a move; 0 always moves.")]
 Fixation = Annotated[
@@ -180,6 +186,7 @@ OPTIONS: dict[str, Any] = {
     "train": TrainSessions,
     "test": TestSessions,
     "training_taps": TrainingTaps,
+    "missing": Missing,
 }
 """Default command-line options of the fields of settings records."""
 

@@ -103,8 +103,7 @@ class NumpyEngine:
         """Eq. 1 under the model's assumptions, shape (L, H)."""
         model = self.model
         if isinstance(model, HistogramModel) and model.form is model.plain_form:
-            bins = reference.tap_bins(tap, model.edges)
-            return reference.tap_log_likelihood(bins, self.log_prob, model.exponent)
+            return plain.table_log_likelihood(tap, self.log_prob, model.edges, model.exponent)
         log_likelihood = plain.log_likelihood(tap, model.form, model.edges, model.exponent)
         return np.where(np.isneginf(model.log_prior), -np.inf, log_likelihood)
 

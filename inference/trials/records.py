@@ -221,7 +221,12 @@ def tap_table(model: TapModel, taps: TapSet) -> TapTable:
     where, what = taps.indices(model.grid)
     pool = tap_pool(where, what, model.grid.shape)
     return TapTable(
-        model.log_likelihood(taps.taps), pool, model.log_prior, model.saturation, taps.session, model.trained
+        model.judging(taps).log_likelihood(taps.taps),
+        pool,
+        model.log_prior,
+        model.saturation,
+        taps.session,
+        model.trained,
     )
 
 

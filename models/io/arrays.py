@@ -34,6 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..settings import Missing
 from .recording import Labels, Recording, as_samples
 
 ROW_VECTORS = ("what", "where", "session", "trial")
@@ -48,7 +49,7 @@ _TAKEN = {  # names reserved in a TapSet
 Arrays = Mapping[str, NDArray[Any]]
 
 
-def recording_from_arrays(arrays: Arrays) -> Recording:
+def recording_from_arrays(arrays: Arrays, missing: Missing = "refuse") -> Recording:
     """Recording from the arrays listed at the head of this file.
 
     Raises:
@@ -56,7 +57,7 @@ def recording_from_arrays(arrays: Arrays) -> Recording:
             message names the array and the place.
     """
     name, axes = ("stream", "(S, K)") if "stream" in arrays and "taps" not in arrays else ("taps", "(N, J, K)")
-    samples = as_samples(name, _required(arrays, name))
+    samples = as_samples(name, _required(arrays, name), missing)
     if samples.ndim != len(axes.split(",")) or 0 in samples.shape:
         raise InputError(f"array {name} must have shape {axes} without empty axes, got {samples.shape}.")
     meta = _meta(arrays)

@@ -115,6 +115,8 @@ def arviz_groups(
         )
     _check_dims(model, coords)
     used = model.usable(taps)
+    if np.isnan(used.taps).any():
+        raise InputError("Taps with missing samples have no groups for ArviZ; leave out --arviz.")
     chosen = Chosen.of(model.posterior, 1, draws, seed)
     predicted = _Predicted.of(model, used, statistic)
     prior, keep = model.prior(model.posterior), partial(_labelled, model, var_names, coords)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
+from ..settings import Missing
 from .recording import Labels, Recording, naming
 
 NUMBERS = ("tap", "where", "session", "trial", "time_s", "what_value")
@@ -37,7 +38,7 @@ class CsvRows:
     lines: NDArray[np.int64]
 
 
-def read_rows(path: Path) -> CsvRows:
+def read_rows(path: Path, missing: Missing = "refuse") -> CsvRows:
     """Rows of a file.
 
     Raises:
@@ -57,7 +58,8 @@ def read_rows(path: Path) -> CsvRows:
         raise InputError(f"not a CSV file: {error}.") from error
     except OSError as error:
         raise InputError(f"cannot read: {error.strerror}.") from error
-    _check_finite(table, lines, [header[i] for i in numeric])
+    may_miss = [missing == "drop" and header[i] not in NUMBERS for i in numeric]
+    _check_finite(np.where(np.isnan(table) & may_miss, 0.0, table), lines, [header[i] for i in numeric])
     columns = {header[i]: table[:, j] for j, i in enumerate(numeric) if header[i] in NUMBERS}
     columns |= {name: _column(name, cells[i], lines) for i, name in enumerate(header) if i not in numeric}
     taxels = [j for j, i in enumerate(numeric) if header[i] not in NUMBERS]
@@ -174,17 +176,17 @@ def _whole(columns: dict[str, NDArray[Any]], lines: NDArray[np.int64]) -> dict[s
 _TAKEN = ("taps", "sample", "axis", "time", "what_name", "what_class", "where_value", "where_class", "where_edges")
 
 
-def read_csv(path: Path) -> Recording:
+def read_csv(path: Path, missing: Missing = "refuse") -> Recording:
     """Recording from one file.
 
     Raises:
         InputError: As `read_rows`, or the rows of a tap are inconsistent.
     """
     with naming(path):
-        return _recording([path], [read_rows(path)])
+        return _recording([path], [read_rows(path, missing)])
 
 
-def read_csv_folder(folder: Path) -> Recording:
+def read_csv_folder(folder: Path, missing: Missing = "refuse") -> Recording:
     """Recording from all `.csv` files of a folder, in natural order of their names.
 
     Each file is one session, numbered from 0, unless all have a column `session`.
@@ -198,7 +200,7 @@ def read_csv_folder(folder: Path) -> Recording:
     parts = []
     for path in paths:
         with naming(path):
-            parts.append(read_rows(path))
+            parts.append(read_rows(path, missing))
             _check_same_columns(parts[0], parts[-1], paths[0])
     return _recording(paths, parts)
 

@@ -5,8 +5,11 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
+import numpy as np
+
 from ..errors import InputError
-from ..taps import TapSet, concatenate
+from ..settings import Missing
+from ..taps import TapSet, check_missing, concatenate
 from .arrays import read_npz, recording_from_arrays
 from .csv import read_csv, read_csv_folder
 from .mat import read_mat
@@ -15,13 +18,13 @@ from .recording import Recording, naming
 type TapSource = TapSet | str | Path
 """Taps, or the file or folder that holds them."""
 
-_READERS: dict[str, Callable[[Path], Recording]] = {
-    ".npz": lambda path: recording_from_arrays(read_npz(path)),
-    ".mat": lambda path: recording_from_arrays(read_mat(path)),
+_READERS: dict[str, Callable[[Path, Missing], Recording]] = {
+    ".npz": lambda path, missing: recording_from_arrays(read_npz(path), missing),
+    ".mat": lambda path, missing: recording_from_arrays(read_mat(path), missing),
 }
 
 
-def load_taps(path: str | Path) -> TapSet:
+def load_taps(path: str | Path, missing: Missing = "refuse") -> TapSet:
     """Tap set from a file or a folder of CSV files.
 
     >>> from pathlib import Path
@@ -35,6 +38,8 @@ def load_taps(path: str | Path) -> TapSet:
     Args:
         path: `.nc` as written by this software; `.mcap` as recorded from the rig; `.npz` or `.mat` with the arrays of
             `io.arrays`; `.csv` with the columns of `csv_rows`; or a folder of such `.csv` files.
+        missing: What to do with samples that are NaN: `"refuse"` the file, or `"drop"` these samples, so that they
+            count neither in a fit nor in a likelihood.
 
     Raises:
         InputError: The file is missing, damaged, of another kind or inconsistent; the message names file, array and
@@ -42,36 +47,49 @@ def load_taps(path: str | Path) -> TapSet:
     """
     if not isinstance(path, str | os.PathLike):
         raise InputError(f"Taps are a TapSet or the path of a file or folder, got {type(path).__name__}.")
+    check_missing(missing)
     path = Path(path)
     if path.suffix.lower() == ".nc":
-        return TapSet.load(path)
+        return TapSet.load(path, missing)
     if path.suffix.lower() == ".mcap":
         from .rig import taps_from_recording  # noqa: PLC0415
 
         return taps_from_recording(path)
-    recording = read_recording(path)
+    recording = read_recording(path, missing)
     with naming(path):
-        return recording.tapset()
+        return recording.tapset(missing)
 
 
-def taps_of(source: TapSource) -> TapSet:
+def taps_of(source: TapSource, missing: Missing = "refuse") -> TapSet:
     """The taps themselves, loaded where they are named by their file.
 
+    Args:
+        source: The taps or their file.
+        missing: As in `load_taps`; a function that cannot drop samples refuses tap sets that lack some.
+
     Raises:
-        InputError: As `load_taps`.
+        InputError: As `load_taps`, or samples of a tap set are missing.
     """
-    return source if isinstance(source, TapSet) else load_taps(source)
+    if not isinstance(source, TapSet):
+        return load_taps(source, missing)
+    check_missing(missing)
+    if missing == "refuse" and source.missing == "drop" and np.isnan(source.taps).any():
+        lacking = int(np.isnan(source.taps).any(axis=(1, 2)).sum())
+        raise InputError(
+            f'{lacking} of {len(source)} taps have missing samples; use missing="drop" where a function has it.'
+        )
+    return source
 
 
-def all_taps_of(sources: TapSource | Sequence[TapSource]) -> TapSet:
-    """The taps of one set or file, or of several whose sessions differ in number.
+def all_taps_of(sources: TapSource | Sequence[TapSource], missing: Missing = "refuse") -> TapSet:
+    """The taps of one set or file, or of several whose sessions differ in number; `missing` as in `taps_of`.
 
     Raises:
         InputError: As `load_taps`, or they do not go together.
     """
     if isinstance(sources, Sequence) and not isinstance(sources, str):
-        return concatenate([taps_of(part) for part in sources], names_of(sources))
-    return taps_of(sources)
+        return concatenate([taps_of(part, missing) for part in sources], names_of(sources))
+    return taps_of(sources, missing)
 
 
 def names_of(sources: Sequence[TapSource]) -> list[str]:
@@ -86,7 +104,7 @@ def named(source: TapSource) -> Iterator[None]:
         yield
 
 
-def read_recording(path: str | Path) -> Recording:
+def read_recording(path: str | Path, missing: Missing = "refuse") -> Recording:
     """Taps or streams from a file or folder, before they become a tap set.
 
     Raises:
@@ -103,15 +121,15 @@ def read_recording(path: str | Path) -> Recording:
     if path.is_dir():
         if kind in (".nc", ".mcap", ".npz", ".mat", ".csv"):
             raise InputError(f"{path}: is a folder, expected a {kind} file.")
-        return read_csv_folder(path)
+        return read_csv_folder(path, missing)
     if kind == ".csv":
-        return read_csv(path)
+        return read_csv(path, missing)
     if kind not in _READERS:
         raise InputError(f"{path}: unknown format; supported: .nc, .mcap, .npz, .csv, .mat and folders of .csv files.")
     with naming(path):
         if path.stat().st_size == 0:
             raise InputError("the file is empty.")
         try:
-            return _READERS[kind](path)
+            return _READERS[kind](path, missing)
         except OSError as error:
             raise InputError(f"cannot read: {error.strerror or error}.") from error

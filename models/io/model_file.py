@@ -36,7 +36,7 @@ from ..measurement.novelty import NoveltyScores
 from ..measurement.registry import KINDS, PAPER, measurement_model
 from ..measurement.states import ONE_STATE, States
 from ..preprocessing import Preprocessing
-from ..settings import parse_power
+from ..settings import Missing, parse_power
 from ..storage import read_groups, write_groups
 from .export_reader import load_exported
 
@@ -75,7 +75,9 @@ def save_model(
     write_groups(written, path, force)
 
 
-def load_model(path: str | Path, story: Callable[..., Any] | str | None = None) -> TapModel:
+def load_model(
+    path: str | Path, story: Callable[..., Any] | str | None = None, missing: Missing = "refuse"
+) -> TapModel:
     """Fitted model from a file; names ending in `.json` are exported models.
 
     The code of a model that is a function of the user's is not run to open its fit. Where its samples are exchangeable,
@@ -92,6 +94,7 @@ def load_model(path: str | Path, story: Callable[..., Any] | str | None = None) 
     Args:
         path: The file.
         story: Function of the user's that was fitted, or where it is, as "FILE.py:FUNCTION".
+        missing: What the model does with samples that are NaN, see `TapModel`.
 
     Raises:
         InputError: The file is missing, damaged or not a fitted model, or needs a function that is not named or has
@@ -100,7 +103,7 @@ def load_model(path: str | Path, story: Callable[..., Any] | str | None = None) 
     if not isinstance(path, str | os.PathLike):
         raise InputError(f"A model is a fitted model or the path of its file, got {type(path).__name__}.")
     if Path(path).suffix.lower() == ".json":
-        return load_exported(path)
+        return load_exported(path).with_missing(missing)
     attributes, data, parameters, draws = _read(Path(path))
     try:
         model = _model(attributes, data, parameters, draws, story)
@@ -110,16 +113,18 @@ def load_model(path: str | Path, story: Callable[..., Any] | str | None = None) 
         raise InputError(f"{path}: {error}") from error
     except (TypeError, ValueError) as error:
         raise InputError(f"{path}: damaged: {error}") from error
-    return model
+    return model.with_missing(missing)
 
 
-def model_of(source: ModelSource) -> TapModel:
-    """The model itself, loaded if it is named by its file.
+def model_of(source: ModelSource, missing: Missing = "refuse") -> TapModel:
+    """The model itself, loaded if it is named by its file; `missing` as in `load_model`, `"drop"` also of a model.
 
     Raises:
         InputError: As `load_model`.
     """
-    return source if isinstance(source, TapModel) else load_model(source)
+    if isinstance(source, TapModel):
+        return source if missing == "refuse" else source.with_missing(missing)
+    return load_model(source, missing=missing)
 
 
 def _read(path: Path) -> tuple[dict[str, Any], xr.Dataset, xr.Dataset, xr.Dataset]:

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
 from ..preprocessing import Preprocessing
+from ..settings import Missing
 from ..taps import TapSet
 
 
@@ -53,7 +54,7 @@ class Labels:
             extra={name: values[rows] for name, values in self.extra.items()},
         )
 
-    def tapset(self, taps: NDArray[np.floating], preprocessing: Preprocessing) -> TapSet:
+    def tapset(self, taps: NDArray[np.floating], preprocessing: Preprocessing, missing: Missing = "refuse") -> TapSet:
         """Tap set of labelled taps, `taps` of shape (n, J, K)."""
         return TapSet.from_arrays(
             taps,
@@ -64,6 +65,7 @@ class Labels:
             session=self.session,
             trial=self.trial,
             extra=self.extra,
+            missing=missing,
             **self.tables,
         )
 
@@ -91,7 +93,7 @@ class Recording:
         """Whether the rows are frames still to be cut into taps."""
         return self.samples.ndim == 2
 
-    def tapset(self) -> TapSet:
+    def tapset(self, missing: Missing = "refuse") -> TapSet:
         """Tap set of the cut taps.
 
         Raises:
@@ -100,7 +102,7 @@ class Recording:
         if self.is_stream:
             raise InputError("contains continuous streams; cut them into taps with solidtouch convert --segment.")
         record = Preprocessing(samples=self.samples.shape[1], rate_hz=self.rate_hz)
-        return self.labels.tapset(self.samples, record)
+        return self.labels.tapset(self.samples, record, missing)
 
 
 @contextmanager
@@ -112,17 +114,17 @@ def naming(path: str | Path) -> Iterator[None]:
         raise InputError(f"{path}: {error}") from error
 
 
-def as_samples(name: str, values: NDArray[Any]) -> NDArray[np.floating]:
+def as_samples(name: str, values: NDArray[Any], missing: Missing = "refuse") -> NDArray[np.floating]:
     """Samples as float32 or float64, as stored; integers become float64.
 
     Raises:
-        InputError: They are not real numbers, or one is NaN or infinite.
+        InputError: They are not real numbers, or one is infinite or, unless `missing` is `drop`, NaN.
     """
     if values.dtype.kind not in "fiub":
         raise InputError(f"array {name} must hold real numbers, got {values.dtype}.")
     if values.dtype not in (np.float32, np.float64):
         values = values.astype(np.float32 if values.dtype == np.float16 else np.float64)
-    bad = np.argwhere(~np.isfinite(values))
+    bad = np.argwhere(np.isinf(values) if missing == "drop" else ~np.isfinite(values))
     if len(bad):
         place = ", ".join(str(int(i)) for i in bad[0])
         raise InputError(f"{name}[{place}] is {values[tuple(bad[0])]}; NaN and infinite values are not accepted.")

@@ -35,11 +35,7 @@ def story(
 
 def fit(taps: Taps, prior: CellPrior | None = None) -> CellPosterior:
     """Exact posterior of `story`; samples of all times are pooled."""
-    moments = Moments.of(taps)
-    J = taps.samples.shape[1]
-    mean = moments.mean.mean(axis=2, keepdims=True)
-    square = (moments.square + moments.taps[..., None, None] * (moments.mean - mean) ** 2).sum(axis=2, keepdims=True)
-    count = J * moments.taps[..., None, None]
+    count, mean, square = Moments.of(taps).pooled()
     prior = prior or estimated_prior(count - 1, square)
     return CellPosterior(cell_posterior(count, mean, square, prior), prior)
 
@@ -53,17 +49,17 @@ def form(parameters: Parameters, frame: Measure) -> TableForm:
 def integrated(posterior: CellPosterior, frame: Measure, unseen: Unseen, _: np.random.Generator) -> NDArray[np.float64]:
     """Log probability of taps with each sample predicted from the training taps and the previous samples of its tap."""
     taps, edges, own = unseen
-    samples, below, above = bin_gaps(taps, edges)
+    samples, below, above = bin_gaps(taps, edges, may_miss=True)
     centre, unit = frame.scaling
     samples, below, above = (samples - centre) / unit, below / unit, above / unit
     level, strength, a, b = (array[own][:, 0].astype(np.float64) for array in posterior.cells)
     total = np.zeros(len(taps))
     for j in range(taps.shape[1]):
         scale = np.sqrt(b / a * (1 + 1 / strength))
-        gap = samples[:, j] - level
+        gap, there = samples[:, j] - level, ~np.isnan(taps[:, j])
         total += log_student_probability((below[:, j] + gap) / scale, (above[:, j] + gap) / scale, 2 * a).sum(axis=1)
-        b = b + 0.5 * strength / (strength + 1) * gap**2
-        level, strength, a = level + gap / (strength + 1), strength + 1, a + 0.5
+        b = b + there * 0.5 * strength / (strength + 1) * gap**2
+        level, strength, a = level + there * gap / (strength + 1), strength + there, a + 0.5 * there
     return total
 
 
@@ -80,4 +76,5 @@ MODEL = Story(
     arguments=prior_of_cells,
     trained_only=True,
     integrated=integrated,
+    independent=True,
 )

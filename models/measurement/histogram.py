@@ -26,7 +26,7 @@ from ..settings import FitSettings, likelihood_exponent
 from ..taps import TapSet
 from ..training import tap_digests
 from .fits.posterior import EXACT, ByClass, Convergence
-from .likelihood.bins import TableForm, bin_edges, count_taps, find_bins
+from .likelihood.bins import TableForm, bin_edges, count_taps, find_bins, tap_counts
 from .likelihood.shapes import Parameters
 from .likelihood.true_class import Own
 from .model import Fitted, Row, TapModel
@@ -79,9 +79,9 @@ class HistogramModel(TapModel):
 
     @cached_property
     def probabilities(self) -> NDArray[np.float64]:
-        """P_k(b | class), shape (L, M, K, B); Eq. 2, flat for a class without a training tap."""
+        """P_k(b | class), shape (L, M, K, B); Eq. 2, flat where a class has no training sample of a taxel."""
         smoothed = self.counts + float(self.pseudocount)
-        smoothed[~self.trained] = 1.0
+        smoothed[self.counts.sum(axis=-1) == 0] = 1.0
         return smoothed / smoothed.sum(axis=-1, keepdims=True)
 
     @cached_property
@@ -113,14 +113,14 @@ class HistogramModel(TapModel):
         if (gain, offset) != (1.0, 0.0):
             total = alpha.sum(axis=-1, keepdims=True)
             alpha = total * np.exp(TableForm(np.log(alpha / total)).in_state(gain, offset, self.edges).log_prob)
-        (N, J, K), B = taps.shape, alpha.shape[-1]
+        (N, _, K), B = taps.shape, alpha.shape[-1]
         bins = find_bins(taps, self.edges)
-        cells = (np.arange(N)[:, None, None] * K + np.arange(K)) * B + bins
+        cells = ((np.arange(N)[:, None, None] * K + np.arange(K)) * B + bins)[bins >= 0]
         cell, times = np.unique(cells, return_counts=True)
         tap, rest = np.divmod(cell, K * B)
         rows = alpha.reshape(*alpha.shape[:2], K * B)[own[0][tap], own[1][tap], rest]
         total = alpha.sum(axis=-1)[own]
-        base = (gammaln(total) - gammaln(total + J)).sum(axis=-1)
+        base = (gammaln(total) - gammaln(total + (bins >= 0).sum(axis=1))).sum(axis=-1)
         with np.errstate(divide="ignore"):
             gained = np.where(rows > 0, gammaln(rows + times) - gammaln(np.maximum(rows, 1e-300)), -np.inf)
         return base + np.bincount(tap, gained, minlength=N)
@@ -160,8 +160,8 @@ class HistogramModel(TapModel):
         }
 
     def with_scores(self, taps: TapSet) -> "HistogramModel":
-        """Model with the novelty scores of its training taps; unchanged with several states."""
-        if len(self.states.gain) > 1:
+        """Model with the novelty scores of its training taps; unchanged with several states or missing samples."""
+        if len(self.states.gain) > 1 or np.isnan(taps.taps).any():
             return self
         B, value_range = self.counts.shape[-1], "global" if self.edges.ndim == 1 else "taxel"
         return replace(self, novelty=novelty_scores(taps, self.grid, B, value_range, self.pseudocount))
@@ -315,13 +315,11 @@ class HistogramPosterior(NamedTuple):
         rows = self.concentration.reshape(-1, K, B)
         bins = find_bins(taps, edges)
         integrated, plug_in = np.empty(len(taps)), np.empty(len(taps))
-        taxel = np.repeat(np.arange(K)[None], taps.shape[1], axis=0)
         for n, c in enumerate(own):
-            counts = np.zeros((K, B))
-            np.add.at(counts, (taxel, bins[n]), 1.0)
+            counts = next(tap_counts(bins[n : n + 1], B)).reshape(K, B)
             rest = np.maximum(rows[c] - counts, np.finfo(float).tiny)
             total, hit = rest.sum(axis=1), counts > 0
-            integrated[n] = (gammaln(total) - gammaln(total + taps.shape[1])).sum() + (
+            integrated[n] = (gammaln(total) - gammaln(total + counts.sum(axis=1))).sum() + (
                 gammaln(rest[hit] + counts[hit]) - gammaln(rest[hit])
             ).sum()
             plug_in[n] = (counts * np.log(rest / total[:, None])).sum()
@@ -376,17 +374,8 @@ class _Histogram(NamedTuple):
         progress: Progress = no_progress,  # noqa: ARG002 - counting takes no time
     ) -> Fitted:
         """Fit with its posterior, which is `None` without a pseudocount, as the prior is improper."""
-        model = fit(
-            taps,
-            grid,
-            bins=settings.bins,
-            pseudocount=settings.pseudocount,
-            power=settings.power,
-            saturation=settings.limit,
-            value_range=settings.value_range,
-            edges=settings.edges,
-            trained_on=trained_on,
-        )
+        same = {name: getattr(settings, name) for name in ("bins", "pseudocount", "power", "value_range", "edges")}
+        model = fit(taps, grid, **same, saturation=settings.limit, trained_on=trained_on)
         return Fitted(model, HistogramPosterior.of(model) if settings.pseudocount > 0 else None, EXACT)
 
     def read(

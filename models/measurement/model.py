@@ -19,11 +19,13 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InputError
 from ..progress import Progress, no_progress
 from ..seeds import Purpose, generator
-from ..settings import check_saturation, likelihood_exponent
+from ..settings import Missing, check_saturation, likelihood_exponent
 from ..storage import write_groups
+from ..taps import check_missing
 from ..training import training_taps
-from .likelihood.bins import find_bins
+from .likelihood.bins import NOT_FINITE, find_bins
 from .likelihood.mixture import MixtureForm
+from .missing import dependent
 from .states import ONE_STATE, States
 
 if TYPE_CHECKING:
@@ -61,6 +63,8 @@ class TapModel(ABC):
         draws: Parameters from the posterior over which decisions are integrated; none to decide at one value.
         saturation: How many taps' evidence the taps of an episode carry at most, see `inference.filter`.
         posterior: Posterior of its parameters, if it was fitted in this process; no file and no pickle has it.
+        missing: What to do with samples that are NaN: `"refuse"` the tap, or `"drop"` them, so that the likelihood is
+            that of the other samples; the exponent stays that of a whole tap. No file has it.
 
     Raises:
         InputError: The saturation is not above 0.
@@ -80,14 +84,16 @@ class TapModel(ABC):
     saturation: float = np.inf
     draws: "tuple[Parameters, ...]" = ()
     posterior: "Posterior | None" = None
+    missing: Missing = "refuse"
 
     def __getstate__(self) -> dict[str, Any]:
         """All but the posterior, which may hold compiled programs."""
         return {**vars(self), "posterior": None}
 
     def __post_init__(self) -> None:
-        """Checks the saturation."""
+        """Checks the saturation and `missing`."""
         check_saturation(self.saturation)
+        check_missing(self.missing)
 
     def __repr__(self) -> str:
         L, M = self.grid.shape
@@ -204,7 +210,9 @@ class TapModel(ABC):
         return likelihood_exponent(self.power, *self.tap_shape)
 
     def bins(self, taps: ArrayLike) -> NDArray[np.intp]:
-        """Histogram bin of each sample, in the shape of `taps` (..., J, K); values beyond the edges in end bins.
+        """Histogram bin of each sample, in the shape of `taps` (..., J, K); -1 for one that is missing.
+
+        Values beyond the edges are in the end bins.
 
         Raises:
             InputError: As `check_samples`.
@@ -220,12 +228,34 @@ class TapModel(ABC):
             taps: Prepared samples, shape (..., J, K).
 
         Raises:
-            InputError: Numbers of samples or taxels are not those of the training data, or a sample is NaN or
-                infinite.
+            InputError: Numbers of samples or taxels are not those of the training data, a sample is infinite, or one is
+                NaN and not to be dropped.
         """
         self._check_shape(taps)
-        if not np.isfinite(taps).all():
-            raise InputError("Samples must not be NaN or infinite.")
+        self._check_missing(taps)
+        if np.isinf(taps).any():
+            raise InputError(NOT_FINITE)
+
+    def _check_missing(self, taps: NDArray[np.floating]) -> None:
+        if not (np.isnan(taps.sum()) and np.isnan(taps).any()):  # a sum takes less time
+            return
+        if self.missing == "refuse":
+            raise InputError(NOT_FINITE)
+        if not self.form.independent:
+            raise InputError(dependent(self.name))
+
+    def with_missing(self, missing: Missing) -> Self:
+        """Model that refuses or drops samples that are NaN.
+
+        Raises:
+            InputError: `missing` is neither `refuse` nor `drop`.
+        """
+        model: Any = self  # every kind is a dataclass
+        return self if missing == self.missing else replace(model, missing=missing)
+
+    def judging(self, taps: "TapSet") -> Self:
+        """Model that drops samples that are NaN if these taps do."""
+        return self.with_missing("drop") if taps.missing == "drop" else self
 
     def _check_shape(self, taps: NDArray[np.floating]) -> None:
         J, K = self.tap_shape
@@ -253,6 +283,7 @@ class TapModel(ABC):
         out = np.empty(shape) if out is None else out
         if out.shape != shape:
             raise InputError(f"out must have shape {shape}, got {out.shape}.")
+        self._check_missing(taps)
         self.prepared.log_likelihood(taps, self.edges, self.exponent, out)
         return out
 

@@ -35,7 +35,7 @@ def story(
 def fit(taps: Taps, prior: CellPrior | None = None) -> CellPosterior:
     """Exact posterior of `story`."""
     moments = Moments.of(taps)
-    count = moments.taps[..., None, None]
+    count = moments.samples
     prior = prior or estimated_prior(count - 1, moments.square)
     return CellPosterior(cell_posterior(count, moments.mean, moments.square, prior), prior)
 
@@ -63,4 +63,5 @@ MODEL = Story(
     arguments=prior_of_cells,
     trained_only=True,
     integrated=integrated,
+    independent=True,
 )

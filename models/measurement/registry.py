@@ -165,12 +165,15 @@ def fit_model(
     """
     kind, in_states = split_name(name)
     settings = _checked(settings, taps)
+    if in_states:
+        import_module(".missing", __package__).refuse_missing(name, taps.taps)
     with one_blas_thread():
         fitted = measurement_model(kind).fit(taps, grid, settings, trained_on, progress)
     if not (fitted.convergence.converged or settings.unconverged):
         told = f"{fitted.convergence.sentence} {fitted.convergence.warning}".rstrip()
         more = " Allow more steps with --steps (steps=)." if takes_steps(kind, settings) else ""
         raise NotConvergedError(f"{name} did not converge: {told}{more} Use it anyway with --allow-unconverged.")
+    fitted = fitted._replace(model=fitted.model.with_missing(taps.missing))
     if settings.integrate:
         fitted = fitted.integrated(settings.integrate, settings.seed)
     if not in_states:

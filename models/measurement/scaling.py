@@ -22,9 +22,15 @@ class Scaling(NamedTuple):
     @classmethod
     def of(cls, taps: Taps, edges: NDArray[np.float64]) -> Self:
         """Scaling of training taps, in their own unit."""
-        moments = Moments.of(taps)
-        within = moments.square.sum(axis=(0, 1, 2)) / max(moments.freedom * taps.samples.shape[1], 1.0)
-        return cls(taps.samples.mean(axis=(0, 1)), np.maximum(np.sqrt(within), least_deviation(edges, len(within))))
+        moments, (_, J, K) = Moments.of(taps), taps.samples.shape
+        freedom = np.maximum(np.broadcast_to(moments.samples, moments.mean.shape) - 1, 0).sum(axis=(0, 1, 2))
+        within = moments.square.sum(axis=(0, 1, 2)) / np.maximum(freedom, 1.0)
+        present = ~np.isnan(taps.samples)
+        number = present.sum(axis=(0, 1))
+        centre = np.where(present, taps.samples, 0.0).mean(axis=(0, 1)) * (
+            len(taps.samples) * J / np.maximum(number, 1)
+        )
+        return cls(centre, np.maximum(np.sqrt(within), least_deviation(edges, K)))
 
     def scaled(self, taps: Taps) -> Taps:
         """Taps in scaled units."""
@@ -40,16 +46,18 @@ def least_deviation(edges: NDArray[np.float64], K: int) -> NDArray[np.float64]:
 
 
 class Moments(NamedTuple):
-    """Number, mean and sum of squares of the taps of each class.
+    """Number, mean and sum of squares of the taps of each class; samples that are NaN do not count.
 
     Attributes:
         taps: How many, shape (L, M).
+        samples: How many samples, shape (L, M, J, K), or (L, M, 1, 1) where none is missing.
         mean: Shape (L, M, J, K), 0 for a class without a tap.
         square: Sum of squared deviations from the mean, shape (L, M, J, K).
         residual: Deviation of each tap from the mean of its class, shape (N, J, K).
     """
 
     taps: NDArray[np.float64]
+    samples: NDArray[np.float64]
     mean: NDArray[np.float64]
     square: NDArray[np.float64]
     residual: NDArray[np.float64]
@@ -59,11 +67,31 @@ class Moments(NamedTuple):
         """Moments of taps of known class."""
         (L, M), (_, J, K) = taps.shape, taps.samples.shape
         own = taps.where * M + taps.what
-        count = np.bincount(own, minlength=L * M).astype(np.float64)
-        mean = sum_by(own, taps.samples, L * M) / np.maximum(count, 1)[:, None, None]
+        number = np.bincount(own, minlength=L * M).astype(np.float64)
+        present = ~np.isnan(taps.samples)
+        whole = present.all()
+        count = number[:, None, None] if whole else sum_by(own, present.astype(np.float64), L * M)
+        mean = sum_by(own, taps.samples if whole else np.where(present, taps.samples, 0.0), L * M) / np.maximum(
+            count, 1
+        )
         residual = taps.samples - mean[own]
-        square = sum_by(own, residual**2, L * M)
-        return cls(count.reshape(L, M), mean.reshape(L, M, J, K), square.reshape(L, M, J, K), residual)
+        square = sum_by(own, residual**2 if whole else np.where(present, residual, 0.0) ** 2, L * M)
+        return cls(
+            number.reshape(L, M),
+            count.reshape(L, M, *count.shape[1:]),
+            mean.reshape(L, M, J, K),
+            square.reshape(L, M, J, K),
+            residual,
+        )
+
+    def pooled(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Number, mean and sum of squares of the samples of all times, broadcast over (L, M, 1, K)."""
+        count = np.broadcast_to(self.samples, self.mean.shape)
+        number = count.sum(axis=2, keepdims=True)
+        whole = self.samples.shape[2] == 1
+        weighted = self.mean.mean if whole else (count * self.mean / np.maximum(number, 1)).sum
+        mean = weighted(axis=2, keepdims=True)
+        return number, mean, (self.square + count * (self.mean - mean) ** 2).sum(axis=2, keepdims=True)
 
     @property
     def freedom(self) -> float:

@@ -35,6 +35,7 @@ from .likelihood.any_form import Form
 from .likelihood.forecasts import Unseen
 from .likelihood.shapes import Measure, Parameters
 from .likelihood.true_class import Own
+from .missing import refuse_empty, refuse_missing
 from .model import BINS, Fitted, Row
 from .scaling import Scaling, least_deviation
 
@@ -73,6 +74,7 @@ class Story:
             in each where class, shape (Q, L, D); for stories of curves over position.
         covered: From the trained classes to those that it can speak about, shape (L, M) both; default the trained ones.
         own_threads: Whether its posterior draws with threads of its own.
+        independent: Whether the samples of a tap are independent and its fit leaves out those that are missing.
     """
 
     name: str
@@ -92,6 +94,7 @@ class Story:
     basis: Callable[[Any, TapSet, ClassGrid, NDArray[np.intp]], NDArray[np.float64]] | None = None
     covered: Callable[[NDArray[np.bool_]], NDArray[np.bool_]] | None = None
     own_threads: bool = False
+    independent: bool = False
 
     def fit(
         self,
@@ -108,6 +111,10 @@ class Story:
         """
         used, known, kept = training(taps, grid, settings, trained_on)
         self.check(self.name, known)
+        if not self.independent:
+            refuse_missing(self.name, known.samples)
+        elif self.trained_only:
+            refuse_empty(self.name, known, "sample" in self.dims["level"])
         scaling = Scaling.of(known, kept["edges"])
         least = least_deviation(kept["edges"], len(scaling.unit)) / scaling.unit
         scaled = scaling.scaled(known)._replace(least=least)
@@ -270,7 +277,7 @@ def _program(story: Story, shape: tuple[int, int, int, int]) -> "Program":
     from .generic.form import Program
     from .generic.structure import Structure
 
-    structure = Structure(dict(story.dims), False, BINS, story.exchangeable, (), {})
+    structure = Structure(dict(story.dims), False, BINS, story.exchangeable, story.independent, (), {})
     none = np.zeros(0, dtype=np.intp)
     return Program(StoryFunction(story.story, story.name, SIZES), structure, StoryCall(none, none, shape))
 

@@ -112,11 +112,8 @@ def fit(taps: Taps) -> StudentPosterior:
 
 def _start(taps: Taps) -> dict[str, NDArray[np.float64]]:
     """Initial values: moments of each class and taxel."""
-    moments, J = Moments.of(taps), taps.samples.shape[1]
-    level = moments.mean.mean(axis=2, keepdims=True)
-    square = (moments.square + moments.taps[..., None, None] * (moments.mean - level) ** 2).sum(axis=2, keepdims=True)
-    used = np.maximum(J * moments.taps, 1)[..., None, None]
-    scale = np.where(moments.taps[..., None, None] > 0, np.sqrt(square / used) + 0.05, 1.0)
+    count, level, square = Moments.of(taps).pooled()
+    scale = np.where(count > 0, np.sqrt(square / np.maximum(count, 1)) + 0.05, 1.0)
     return {"level": level, "scale": 0.7 * scale, "freedom": np.full(level.shape[-1], 4.0)}
 
 
@@ -153,4 +150,5 @@ MODEL = Story(
     arguments=arguments,
     parameters=parameters_of,
     own_threads=True,
+    independent=True,
 )

@@ -86,6 +86,9 @@ def estimated_prior(freedom: NDArray[np.float64], square: NDArray[np.float64]) -
     a, b = np.empty(K), np.empty(K)
     for k in range(K):
         used = freedom[..., k] > 0
+        if not used.any():  # no sample of this taxel is there
+            a[k], b[k] = WEAK_CELLS.a, WEAK_CELLS.b
+            continue
         a[k], b[k] = _most_probable(freedom[..., k][used] / 2, square[..., k][used] / 2)
     return CellPrior(0.0, 0.0, a, b)
 

@@ -28,8 +28,12 @@ class Taps(NamedTuple):
 
     def under(self, story: Callable[..., None], **arguments: Any) -> Callable[[], None]:
         """Generative model in the contract of `generic.contract`, of these taps."""
+        from .present import Present
+
         (L, M), (_, J, K) = self.shape, self.samples.shape
-        return lambda: story(self.where, self.what, self.samples, L=L, M=M, J=J, K=K, **arguments)
+        samples, present = filled(self.samples)
+        taken: Any = story if present is None else Present(story, "taps", present)
+        return lambda: taken(self.where, self.what, samples, L=L, M=M, J=J, K=K, **arguments)
 
     def first(self) -> "Taps":
         """The first tap."""
@@ -50,3 +54,17 @@ class CellPrior(NamedTuple):
     strength: Any
     a: Any
     b: Any
+
+
+def filled(samples: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.bool_] | None]:
+    """Samples (N, J, K) with one that occurs in the place of missing ones, and the mask of those that are there.
+
+    The mask is `None` if all are.
+    """
+    present = ~np.isnan(samples)
+    if present.all():
+        return samples, None
+    rows, there = samples.reshape(-1, samples.shape[2]), present.reshape(-1, samples.shape[2])
+    some = rows[there.argmax(axis=0), np.arange(rows.shape[1])]
+    some = np.where(np.isnan(some), rows[there][0] if there.any() else 0.0, some)  # of a taxel without samples
+    return np.where(present, samples, some), present

@@ -25,6 +25,7 @@ from ...progress import Progress, no_progress
 from ...seeds import Purpose, derived_seed, generator
 from ..fits.nuts import sample_story
 from ..fits.posterior import Convergence
+from ..fits.present import Present
 from ..likelihood.shapes import Parameters
 from .contract import StoryCall, StoryFunction
 from .form import key_from
@@ -56,6 +57,7 @@ class Fit(NamedTuple):
         seed: Random seed.
         steps: Steps of the fit at most; default as `posterior` says.
         progress: Called with the name of a stage and its number of steps; returns the function that advances it.
+        present: Mask of the samples that are there, shape (N, J, K); `None` if all are. Others do not count.
     """
 
     story: StoryFunction
@@ -65,10 +67,14 @@ class Fit(NamedTuple):
     seed: int
     steps: int | None = None
     progress: Progress = no_progress
+    present: NDArray[np.bool_] | None = None
 
     def run(self, samples: Any) -> Any:
         """The model on the training taps."""
-        return self.story(self.batch, samples)
+        if self.present is None:
+            return self.story(self.batch, samples)
+        present = self.present.swapaxes(1, 2) if self.structure.swapped else self.present
+        return Present(self.story, OBSERVED, present)(self.batch, samples)
 
     @property
     def summed(self) -> Callable[[Any], Any]:
@@ -134,7 +140,7 @@ def _latents(fit: Fit) -> dict[str, Any]:
 
 
 class Variational(NamedTuple):
-    """A variational fit as compiled programs, for all taps of the same classes and numbers.
+    """A variational fit as compiled programs, for all taps of the same classes and numbers that lack the same samples.
 
     Attributes:
         method: `svi`, `map` or `laplace`.
@@ -340,7 +346,8 @@ def check_prior(fit: Fit) -> str:
 
 def _far(fit: Fit, mean: NDArray[np.float64], sd: NDArray[np.float64]) -> str:
     """A sentence where samples drawn from the prior have quite another level or spread than the taps."""
-    level, spread = fit.samples.mean(), fit.samples.std()
+    samples = fit.samples if fit.present is None else fit.samples[fit.present]
+    level, spread = samples.mean(), samples.std()
     sd = np.where(np.isnan(sd), np.inf, sd)  # of samples too far apart for a number
     if not (sd.min() / _FAR <= spread <= _FAR * sd.max()):
         name, found, expected = "standard deviation", spread, sd

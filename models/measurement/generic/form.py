@@ -20,6 +20,7 @@ from numpyro.infer.util import log_density
 
 from ...errors import InputError
 from ...threads import cores, in_order
+from ..likelihood.bins import NOT_FINITE
 from ..scaling import Scaling
 from .contract import StoryCall, StoryFunction
 from .observed import Binned, Censored, InBin, peeled
@@ -165,6 +166,11 @@ class GenericForm:
     exchangeable = False
     """Whether a tap may have any number of samples."""
 
+    @property
+    def independent(self) -> bool:
+        """Whether samples are independent under a hypothesis."""
+        return self.program.structure.independent
+
     def in_state(self, gain: float, offset: float, edges: NDArray[np.float64]) -> "GenericForm":  # noqa: ARG002 - as TableForm
         """Form of `gain` times a tap plus `offset`."""
         return replace(self, gain=gain * self.gain, offset=gain * self.offset + offset)
@@ -289,10 +295,10 @@ def _on_device(taps: Any, edges: Any) -> Binned:
     """Samples (n, J, K) with their bins, in double precision.
 
     Raises:
-        InputError: A sample is NaN or infinite.
+        InputError: A sample is infinite.
     """
-    if not np.isfinite(taps).all():
-        raise InputError("Samples must not be NaN or infinite.")
+    if np.isinf(taps).any():
+        raise InputError(NOT_FINITE)
     return _held(jnp.asarray(taps, dtype=jnp.float64), jnp.asarray(edges, dtype=jnp.float64))
 
 

@@ -20,6 +20,7 @@ from jax.scipy.special import betainc, log_ndtr
 from jax.typing import ArrayLike
 from numpyro.primitives import Messenger
 
+from ..fits.present import peeled
 from ..likelihood.binned import bin_indices, bin_of
 from ..model import BINS
 
@@ -36,7 +37,7 @@ class Binned(NamedTuple):
         samples: Exact values, on which later samples depend.
         lower: Lower edge of the bin, -inf in the first.
         upper: Upper edge, inf in the last.
-        width: Its width; that of an end bin between its edges.
+        width: Its width; that of an end bin between its edges. NaN for a missing sample, whose bin holds all values.
     """
 
     samples: jax.Array
@@ -46,8 +47,10 @@ class Binned(NamedTuple):
 
     @classmethod
     def of(cls, taps: jax.Array, edges: jax.Array) -> "Binned":
-        """Samples (n, J, K) in bins with these edges, shape (B + 1,) or (K, B + 1)."""
-        return cls(taps, *jax.vmap(_bins_of, (0, None))(taps, edges))
+        """Samples (n, J, K) in bins with these edges, shape (B + 1,) or (K, B + 1); NaN is a missing sample."""
+        lower, upper, width = jax.vmap(_bins_of, (0, None))(taps, edges)
+        missing = jnp.isnan(taps)
+        return cls(jnp.where(missing, 0.0, taps), lower, upper, jnp.where(missing, jnp.nan, width))
 
     def scaled(self, gain: Any, offset: Any, centre: Any, unit: Any) -> "Binned":
         """The same before a gain and an offset, in the units of a generative model."""
@@ -71,13 +74,6 @@ def measure_of(distribution: Any) -> str:
     return BINS if isinstance(base, _GAUSSIAN) or _has_cdf(base) else DENSITY
 
 
-def peeled(distribution: Any) -> Any:
-    """Distribution without expansions and declarations of events."""
-    while isinstance(distribution, dist.ExpandedDistribution | dist.Independent):
-        distribution = distribution.base_dist
-    return distribution
-
-
 def elementwise(distribution: Any) -> bool:
     """Whether samples are independent, each with a distribution function."""
     base = peeled(distribution)
@@ -95,8 +91,11 @@ def binned(distribution: Any, taps: Binned, least: ArrayLike = 0.0) -> dist.Dist
     base, event_dim = peeled(distribution), distribution.event_dim
     if isinstance(base, _GAUSSIAN):
         base = _given_those_before(base, taps.samples)
-    elif not _has_cdf(base):
+    elif base.event_dim:
         return _DensityOfBin(distribution, taps)
+    elif not _has_cdf(base):
+        each: Any = _DensityOfBin(base, taps)
+        return each.to_event(event_dim) if event_dim else each
     each: Any = InBin(base, taps, least)
     return each.to_event(event_dim) if event_dim else each
 
@@ -163,8 +162,9 @@ class _DensityOfBin(dist.Distribution):
 
     def log_prob(self, value: ArrayLike, intermediates: object = None) -> jax.Array:  # noqa: ARG002
         """Log density in bins instead of units."""
-        width = jnp.log(self._taps.width)
-        return self._base.log_prob(self._taps.samples) + width.sum(tuple(range(-self._base.event_dim, 0)))
+        width, event = jnp.log(self._taps.width), tuple(range(-self._base.event_dim, 0))
+        density = self._base.log_prob(self._taps.samples) + width.sum(event)
+        return density if event else jnp.where(jnp.isnan(width), 0.0, density)
 
 
 def _student(base: Any, z: jax.Array) -> jax.Array:

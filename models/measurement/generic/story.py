@@ -12,11 +12,13 @@ from ...errors import InputError
 from ...progress import Progress, no_progress
 from ...seeds import Purpose, generator
 from ...settings import FitSettings
+from ..fits.priors import filled
 from ..fitted_parameters import ModelOfParameters, training
 from ..likelihood.any_form import Form
 from ..likelihood.bins import TableForm
 from ..likelihood.mixture import mean_form
 from ..likelihood.shapes import Parameters
+from ..missing import refuse_missing
 from ..model import Fitted, Row
 from ..scaling import Scaling
 from . import source
@@ -74,15 +76,10 @@ class GenericStory:
         structure = structure_of(self.function, batch)
         session = np.unique(used.session, return_inverse=True)[1]
         full = replace(batch, where=known.where, what=known.what, session=session)
-        fit = Fit(
-            self.function,
-            structure,
-            full,
-            scaling.scaled(known).samples,
-            settings.seed,
-            settings.steps,
-            progress,
-        )
+        if not structure.independent:
+            refuse_missing(self.function.name, known.samples)
+        samples, present = filled(scaling.scaled(known).samples)
+        fit = Fit(self.function, structure, full, samples, settings.seed, settings.steps, progress, present)
         warning = check_prior(fit)
         found: Posterior = posterior(fit, "svi" if settings.method == "closed" else settings.method)
         model = GenericModel(

@@ -34,6 +34,7 @@ class Structure(NamedTuple):
         swapped: Whether the observed site has taxels before times.
         measure: See `observed`.
         exchangeable: Whether all samples of a taxel are independent and have one distribution.
+        independent: Whether all samples of a tap are independent.
         enumerated: Names of the discrete latent variables of single taps, which are summed over.
         by_session: Axis of sessions of the latent variables that have one, by name.
     """
@@ -42,6 +43,7 @@ class Structure(NamedTuple):
     swapped: bool
     measure: str
     exchangeable: bool
+    independent: bool
     enumerated: tuple[str, ...]
     by_session: dict[str, int]
 
@@ -76,6 +78,7 @@ def structure_of(story: StoryFunction, batch: StoryCall) -> Structure:
         more.swapped,
         more.measure,
         not enumerated and not more.swapped and more.alike and not more.looks_back,
+        not more.looks_back and not peeled(more.sites[OBSERVED]["fn"]).event_dim,
         tuple(enumerated),
         _session_axes(story, batch, kept),
     )

@@ -18,6 +18,11 @@ class Form(Protocol):
         ...
 
     @property
+    def independent(self) -> bool:
+        """Whether samples are independent under a hypothesis, so that those that are NaN are left out."""
+        ...
+
+    @property
     def shape(self) -> tuple[int, int]:
         """(L, H)."""
         ...

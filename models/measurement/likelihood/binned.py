@@ -59,24 +59,27 @@ class BinnedTap(dist.Distribution):
         """Log probability of the bins that contain the samples `value`, shape (J, K)."""
         samples = jnp.asarray(value)
         lower, upper = bin_of(samples, self.edges)
-        innovation = samples - self.loc
+        innovation = jnp.where(jnp.isnan(samples), 0.0, samples) - self.loc
         K = samples.shape[1]
         time = jnp.broadcast_to(self.time, (K, *self.time.shape[1:]))
         innovation = jnp.einsum("kji,qik->qjk", time, innovation)
         if self.taxel.shape[-1]:
             innovation = jnp.einsum("kp,qjp->qjk", self.taxel, innovation)
+        samples = jnp.where(jnp.isnan(samples), 0.0, samples)
         below, above = lower - samples + innovation, upper - samples + innovation
         log_probability = log_interval(below / self.scale, above / self.scale)
         return logsumexp(self.log_weight + log_probability.sum((-2, -1)))
 
 
 def bin_of(samples: jax.Array, edges: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Lower and upper bin edge of each sample, both of shape (J, K); end bins extend to infinity."""
+    """Lower and upper bin edge of each sample, both of shape (J, K); end bins and that of NaN extend to infinity."""
     inner = bin_indices(samples, edges)
     edges = jnp.broadcast_to(edges, (samples.shape[1], edges.shape[-1]))
     open_edges = edges.at[:, 0].set(-jnp.inf).at[:, -1].set(jnp.inf)
     taxel = jnp.arange(samples.shape[1])
-    return open_edges[taxel, inner], open_edges[taxel, inner + 1]
+    missing = jnp.isnan(samples)
+    lower, upper = open_edges[taxel, inner], open_edges[taxel, inner + 1]
+    return jnp.where(missing, -jnp.inf, lower), jnp.where(missing, jnp.inf, upper)
 
 
 def bin_indices(samples: jax.Array, edges: jax.Array) -> jax.Array:

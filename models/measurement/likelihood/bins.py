@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from ...compiled import compiled
 from ...errors import InputError
 
+NOT_FINITE = "Samples must not be NaN or infinite."
 _CHUNK = 1 << 24  # counts held at a time, 128 MiB
 _SAMPLES = 1 << 16  # counted at a time, so that their bins and counts stay in cache
 
@@ -40,21 +41,24 @@ def bin_edges(samples: NDArray[np.floating], bins: int, value_range: str) -> NDA
     """Edges of equal-width bins across the full range of the samples.
 
     Args:
-        samples: Shape (N, J, K).
+        samples: Shape (N, J, K); those that are NaN do not count.
         bins: Number of bins.
         value_range: `"global"` for one range over all taxels, `"taxel"` for one each.
 
     Returns:
-        Shape (bins + 1,) or (K, bins + 1). A constant range is widened by half a unit to both sides.
+        Shape (bins + 1,) or (K, bins + 1). A constant range is widened by half a unit to both sides; without any
+        sample it is that around 0.
 
     Raises:
         InputError: The range is named otherwise.
     """
     if value_range not in ("global", "taxel"):
         raise InputError(f"value_range must be global or taxel, got {value_range!r}.")
-    low, high = samples.min(axis=0).min(axis=0), samples.max(axis=0).max(axis=0)  # axis by axis is faster
+    least, most = np.fmin.reduce, np.fmax.reduce
+    low, high = least(least(samples, axis=0), axis=0), most(most(samples, axis=0), axis=0)  # axis by axis is faster
     if value_range == "global":
-        low, high = low.min(), high.max()
+        low, high = least(low), most(high)
+    low, high = np.nan_to_num(low), np.nan_to_num(high)
     low, high = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)
     # A range of a few rounding steps cannot hold distinct edges and counts as constant too.
     constant = high - low <= 4 * bins * np.spacing(np.maximum(np.abs(low), np.abs(high)))
@@ -71,19 +75,19 @@ def find_bins(samples: NDArray[np.floating], edges: NDArray[np.float64]) -> NDAr
     rows = _plain(samples.reshape(-1, K))
     cells = np.empty(rows.shape, dtype=np.int64)
     layout = _layout(edges, K)
-    finite = find(rows, *layout, cells)
+    found = find(rows, *layout, cells)
     bins = cells - np.arange(K) * (len(layout.lower) // K)
-    return (bins if finite else np.where(cells < 0, -1, bins)).reshape(samples.shape)
+    return (np.where(cells < 0, -1, bins) if found else bins).reshape(samples.shape)
 
 
-def known_bins(samples: NDArray[np.floating], edges: NDArray[np.float64]) -> NDArray[np.intp]:
+def known_bins(samples: NDArray[np.floating], edges: NDArray[np.float64], may_miss: bool = False) -> NDArray[np.intp]:
     """As `find_bins`.
 
     Raises:
-        InputError: A sample is NaN or infinite.
+        InputError: A sample is infinite or, unless it may be missing, NaN.
     """
-    if not np.isfinite(samples).all():
-        raise InputError("Samples must not be NaN or infinite.")
+    if (np.isinf(samples) if may_miss else ~np.isfinite(samples)).any():
+        raise InputError(NOT_FINITE)
     return find_bins(samples, edges)
 
 
@@ -91,14 +95,14 @@ def count_taps(samples: NDArray[np.floating], edges: NDArray[np.float64]) -> Ite
     """Histograms of taps, in chunks of limited memory.
 
     Args:
-        samples: Shape (N, J, K).
+        samples: Shape (N, J, K); those that are NaN do not count.
         edges: Shape (B + 1,) or (K, B + 1).
 
     Yields:
         Which taps these are, and their counts, which are overwritten by the next ones.
 
     Raises:
-        InputError: A sample is NaN or infinite.
+        InputError: A sample is infinite.
     """
     from .counting import count, find
 
@@ -110,20 +114,20 @@ def count_taps(samples: NDArray[np.floating], edges: NDArray[np.float64]) -> Ite
     for start in range(0, N, step):
         part = samples[start : start + step]
         found = cells[: len(part)]
-        if not find(_plain(part.reshape(len(part), J * K)), *layout, found):
-            raise InputError("Samples must not be NaN or infinite.")
+        if find(_plain(part.reshape(len(part), J * K)), *layout, found) > 1:
+            raise InputError(NOT_FINITE)
         count(found, held, *counts)
         yield slice(start, start + len(part)), counts._replace(first=counts.first[: len(part) + 1])
 
 
 def tap_counts(bins: NDArray[np.intp], B: int) -> Iterator[NDArray[np.float64]]:
-    """Occupation counts of each tap, shape (n, K B), in chunks of taps."""
+    """Occupation counts of each tap, shape (n, K B), in chunks of taps; a bin of -1 does not count."""
     N, _, K = bins.shape
     step = max(1, _CHUNK // (K * B))
     for start in range(0, N, step):
         part = bins[start : start + step]
-        cells = (np.arange(len(part))[:, None, None] * K + np.arange(K)) * B + part
-        yield (np.bincount(cells.ravel(), minlength=len(part) * K * B).reshape(len(part), K * B).astype(np.float64))
+        cells = ((np.arange(len(part))[:, None, None] * K + np.arange(K)) * B + part)[part >= 0]
+        yield np.bincount(cells, minlength=len(part) * K * B).reshape(len(part), K * B).astype(np.float64)
 
 
 def _plain(samples: NDArray[np.floating]) -> NDArray[np.floating]:
@@ -156,6 +160,8 @@ class TableForm(NamedTuple):
 
     exchangeable = True
     """Whether a tap may have any number of samples."""
+    independent = True
+    """Whether samples are independent under a hypothesis, so that some can be left out."""
 
     def in_state(self, gain: float, offset: float, edges: NDArray[np.float64]) -> Self:
         """Form of `gain` times a sample plus `offset`.
@@ -186,9 +192,13 @@ class TableForm(NamedTuple):
         self, taps: NDArray[np.floating], edges: NDArray[np.float64], where: NDArray[np.intp], what: NDArray[np.intp]
     ) -> NDArray[np.float64]:
         """Log probability of the bins of taps (N, J, K) under their own hypotheses, shape (N,)."""
-        bins = known_bins(taps, edges)
-        where, what = where[:, None, None], what[:, None, None]
-        return self.log_prob[where, what, np.arange(taps.shape[-1]), bins].sum(axis=(1, 2))
+        bins = known_bins(taps, edges, may_miss=True)
+        return self.of_bins(bins, where, what)
+
+    def of_bins(self, bins: NDArray[np.intp], where: NDArray[np.intp], what: NDArray[np.intp]) -> NDArray[np.float64]:
+        """Log probability of bins (N, J, K) under hypotheses (N,), shape (N,); a bin of -1 does not count."""
+        each = self.log_prob[where[:, None, None], what[:, None, None], np.arange(bins.shape[-1]), bins]
+        return np.where(bins < 0, 0.0, each).sum(axis=(1, 2))
 
     def sample(
         self,
@@ -251,6 +261,8 @@ class PreparedTable(NamedTuple):
         for which, counts in count_taps(taps, edges):
             part = np.empty((len(counts.first) - 1, self.table.shape[1]))
             multiply(*counts, self.table, exponent, part)
+            if (empty := np.diff(counts.first) == 0).any():
+                part[empty] = np.where(np.isneginf(self.table).all(axis=0), -np.inf, 0.0)
             out[which] = part.reshape(-1, *self.shape)
 
 

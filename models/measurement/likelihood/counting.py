@@ -41,7 +41,8 @@ def find(samples, low, scale, lower, upper, cells):
         cells: Receives the cells, the shape of `samples`.
 
     Returns:
-        Whether all samples are finite; infinite ones get the end bins, and a NaN gets -1.
+        0 if all samples are finite, else the sum of 1 if one is NaN, whose cell is -1, and 2 if one is infinite, whose
+        cell is that of an end bin.
     """
     n, size = samples.shape
     K = len(low)
@@ -50,7 +51,7 @@ def find(samples, low, scale, lower, upper, cells):
     lows, scales, firsts = np.empty(size), np.empty(size), np.empty(size, dtype=np.int64)
     for s in range(size):
         lows[s], scales[s], firsts[s] = low[s % K], scale[s % K], (s % K) * B
-    finite = True
+    found = 0
     for i in range(n):
         wrong = 0
         for s in range(size):
@@ -65,8 +66,9 @@ def find(samples, low, scale, lower, upper, cells):
                 value = float(samples[i, s])
                 if not (lower[cells[i, s]] <= value < upper[cells[i, s]]):
                     cells[i, s] = search(value, lower, firsts[s], firsts[s] + B - 1)
-                    finite &= np.isfinite(value)
-    return finite
+                    if not np.isfinite(value):
+                        found |= 1 if np.isnan(value) else 2
+    return found
 
 
 @compiled
@@ -74,7 +76,7 @@ def count(cells, held, first, cell, times):
     """Lists the occupied cells of taps and the number of samples in each.
 
     Args:
-        cells: Cell of each sample of n taps, shape (n, J K).
+        cells: Cell of each sample of n taps, shape (n, J K); -1 for one that does not count.
         held: Room for the counts of all cells, zero before and after.
         first: Receives where the list of each tap begins, shape (n + 1,) or more.
         cell: Receives the cells, shape (n J K,) or more.
@@ -86,6 +88,8 @@ def count(cells, held, first, cell, times):
         begin = end
         for s in range(cells.shape[1]):
             c = cells[i, s]
+            if c < 0:
+                continue
             cell[end] = c  # stays only if the cell is a new one
             end += held[c] == 0
             held[c] += 1

@@ -90,7 +90,7 @@ def slopes_integrated(
 def log_t_probability(form: GaussianForm, q: int, freedom: NDArray[np.float64], unseen: Unseen) -> NDArray[np.float64]:
     """Log probability of the bins of taps, with Student's t for each normal of Gaussian `q`, shape (N,)."""
     taps, edges, own = unseen
-    samples, below, above = bin_gaps(taps, edges)
+    samples, below, above = bin_gaps(taps, edges, form.independent)
     innovation = form.innovations(samples, *own, q)
     scale = form.scale[q][own]
     freedom = np.broadcast_to(freedom, form.scale.shape[1:])[own]

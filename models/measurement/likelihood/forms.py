@@ -53,6 +53,11 @@ class GaussianForm(NamedTuple):
     exchangeable = False
     """Whether a tap may have any number of samples."""
 
+    @property
+    def independent(self) -> bool:
+        """Whether samples are independent under a hypothesis of each Gaussian."""
+        return _independent(self.time, self.taxel)
+
     def in_state(self, gain: float, offset: float, edges: NDArray[np.float64]) -> Self:  # noqa: ARG002 - as TableForm
         """Form of `gain` times a tap plus `offset`."""
         return self._replace(mean=gain * self.mean + offset, scale=gain * self.scale)
@@ -95,7 +100,9 @@ class GaussianForm(NamedTuple):
 
         ready = self.prepare(np.zeros(self.shape, dtype=bool))
         out = np.empty(len(taps))
-        true_class_log_probability(*bin_gaps(taps, edges), where * self.shape[1] + what, *ready[:-1], out)
+        true_class_log_probability(
+            *bin_gaps(taps, edges, self.independent), where * self.shape[1] + what, *ready[:-1], out
+        )
         return out
 
     def innovations(
@@ -148,17 +155,22 @@ class PreparedGaussian(NamedTuple):
     log_weight: NDArray[np.float64]
     impossible: NDArray[np.bool_]
 
+    @property
+    def independent(self) -> bool:
+        """Whether samples are independent under a hypothesis of each Gaussian."""
+        return _independent(self.time, self.taxel)
+
     def log_likelihood(
         self, taps: NDArray[np.floating], edges: NDArray[np.float64], exponent: float, out: NDArray[np.float64]
     ) -> None:
         """As `PreparedTable.log_likelihood`; uses tables for independent samples if taps outnumber bins."""
         (J, K), (L, H), B = taps.shape[1:], self.impossible.shape, edges.shape[-1] - 1
         blocks = range(0, len(taps), max(1, _ROOM // (J * K + L * H)))
-        if len(taps) > B * len(blocks) and not self.taxel.shape[-1] and (self.time == np.eye(J)).all():
+        if len(taps) > B * len(blocks) and self.independent:
             parts = (self._looked_up(taps[start : start + blocks.step], edges) for start in blocks)
         else:
             blocks = range(0, len(taps), AT_ONCE)
-            gaps = (bin_gaps(taps[start : start + AT_ONCE], edges) for start in blocks)
+            gaps = (bin_gaps(taps[start : start + AT_ONCE], edges, self.independent) for start in blocks)
             tasks = (partial(self.of_gaps, some) for some in gaps)
             parts = in_order(tasks, cores(None) if len(taps) > AT_ONCE else 1)
         for start, part in zip(blocks, parts, strict=True):
@@ -168,9 +180,15 @@ class PreparedGaussian(NamedTuple):
         """As `of_gaps` for independent samples, with the log probabilities of all bins computed once."""
         from .innovations import independent_log_probability
 
-        bins = known_bins(taps, edges).transpose(1, 2, 0).astype(np.uint32, order="C")
+        bins = known_bins(taps, edges, may_miss=True).transpose(1, 2, 0)
+        lower, upper = _open_edges(edges, taps.shape[-1])
+        if (bins < 0).any():  # a further bin, of all values
+            bins = np.where(bins < 0, lower.shape[1], bins)
+            lower, upper = (
+                np.pad(part, ((0, 0), (0, 1)), constant_values=end) for part, end in ((lower, -np.inf), (upper, np.inf))
+            )
         part = np.empty((self.mean.shape[1], len(taps)))
-        given = bins, *_open_edges(edges, taps.shape[-1]), self.mean, self.scale, self.log_weight, part
+        given = bins.astype(np.uint32, order="C"), lower, upper, self.mean, self.scale, self.log_weight, part
         tasks = (partial(independent_log_probability, c, *given) for c in range(len(part)))
         list(in_order(tasks, cores(None) if taps.size > _FEW else 1))
         return np.where(self.impossible, -np.inf, part.T.reshape(-1, *self.impossible.shape))
@@ -187,24 +205,33 @@ class PreparedGaussian(NamedTuple):
 type Form = TableForm | GaussianForm
 
 
-def bin_gaps(taps: NDArray[np.floating], edges: NDArray[np.float64]) -> BinGaps:
+def bin_gaps(taps: NDArray[np.floating], edges: NDArray[np.float64], may_miss: bool = False) -> BinGaps:
     """Samples in double precision, and distances to the edges of their bins; end bins extend to infinity.
 
     Args:
         taps: Shape (..., J, K).
         edges: Shape (B + 1,) or (K, B + 1).
+        may_miss: Whether samples may be NaN; their bin then holds all values.
 
     Returns:
         Three arrays of the shape of `taps`: samples, lower and upper gaps.
 
     Raises:
-        InputError: A sample is NaN or infinite.
+        InputError: A sample is infinite or, unless it may be missing, NaN.
     """
-    bins = known_bins(taps, edges)
+    bins = known_bins(taps, edges, may_miss)
     K = taps.shape[-1]
     lower, upper = _open_edges(edges, K)
     samples, taxel = np.ascontiguousarray(taps, dtype=np.float64), np.arange(K)
+    if (missing := bins < 0).any():
+        samples = np.where(missing, 0.0, samples)
+        below, above = lower[taxel, bins] - samples, upper[taxel, bins] - samples
+        return samples, np.where(missing, -np.inf, below), np.where(missing, np.inf, above)
     return samples, lower[taxel, bins] - samples, upper[taxel, bins] - samples
+
+
+def _independent(time: NDArray[np.float64], taxel: NDArray[np.float64]) -> bool:
+    return not taxel.shape[-1] and bool((time == np.eye(time.shape[-1])).all())
 
 
 def _open_edges(edges: NDArray[np.float64], K: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -26,6 +26,11 @@ class MixtureForm(NamedTuple):
         """Whether a tap may have any number of samples."""
         return self.parts[0].exchangeable
 
+    @property
+    def independent(self) -> bool:
+        """Whether samples are independent under a hypothesis of a part."""
+        return self.parts[0].independent
+
     def in_state(self, gain: float, offset: float, edges: NDArray[np.float64]) -> Self:
         """Form of `gain` times a tap plus `offset`."""
         return self._replace(parts=tuple(part.in_state(gain, offset, edges) for part in self.parts))
@@ -91,7 +96,8 @@ class PreparedMixture(NamedTuple):
         """Writes `exponent` times the log probability of the bins of taps (N, J, K) to `out`, shape (N, L, H)."""
         few = len(taps) <= AT_ONCE  # of which a part makes no threads of its own
         workers = min(cores(None), len(self.parts)) if few else 1
-        gaps = bin_gaps(taps, edges) if few and isinstance(self.parts[0], PreparedGaussian) else None
+        first = self.parts[0]
+        gaps = bin_gaps(taps, edges, first.independent) if few and isinstance(first, PreparedGaussian) else None
 
         def summed(parts: Sequence[Prepared]) -> NDArray[np.float64]:
             total, one = np.full(out.shape, -np.inf), np.empty(out.shape)

@@ -84,10 +84,10 @@ def _of_bins(bins: jax.Array, log_prob: jax.Array) -> jax.Array:
 
 
 def _exchangeable(bins: jax.Array, log_prob: jax.Array) -> None:
-    """Bins (J, K) of a tap, each drawn by its taxel's probabilities (K, B)."""
+    """Bins (J, K) of a tap, each drawn by its taxel's probabilities (K, B); one of -1 does not count."""
     J, K = bins.shape
-    with numpyro.plate("J", J, dim=-2), numpyro.plate("K", K, dim=-1):
-        numpyro.sample("bins", dist.CategoricalLogits(logits=log_prob), obs=bins)
+    with numpyro.plate("J", J, dim=-2), numpyro.plate("K", K, dim=-1), numpyro.handlers.mask(mask=bins >= 0):
+        numpyro.sample("bins", dist.CategoricalLogits(logits=log_prob), obs=jnp.maximum(bins, 0))
 
 
 @jax.jit

@@ -3,6 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from ...errors import InputError
+from ..missing import dependent
 from ..states import States
 from .any_form import Form
 from .bins import TableForm, find_bins
@@ -27,8 +29,9 @@ class OwnTaps:
         self._states, self._edges = states, edges
         self._where, self._what = own
         self._taps = taps
-        self._gaps = bin_gaps(taps, edges)
+        self._gaps = bin_gaps(taps, edges, may_miss=True)
         self._bins = find_bins(taps, edges)
+        self._missing = bool((self._bins < 0).any())
 
     def log_probability(self, form: Form) -> NDArray[np.float64]:
         """Log probability of the bins of each tap under its class, shape (N,).
@@ -43,9 +46,10 @@ class OwnTaps:
         return parts[0] if len(parts) == 1 else np.logaddexp.reduce(parts, axis=0)
 
     def _plain(self, form: Form) -> NDArray[np.float64]:
+        if self._missing and not form.independent:
+            raise InputError(dependent("the model"))
         if isinstance(form, TableForm):
-            own = self._where[:, np.newaxis, np.newaxis], self._what[:, np.newaxis, np.newaxis]
-            return form.log_prob[*own, np.arange(self._bins.shape[2]), self._bins].sum(axis=(1, 2))
+            return form.of_bins(self._bins, self._where, self._what)
         if not isinstance(form, GaussianForm):
             return form.own(self._taps, self._edges, self._where, self._what)
         ready = form.prepare(np.zeros(form.shape, dtype=bool))

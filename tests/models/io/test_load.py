@@ -8,7 +8,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from solidtouch.models.errors import InputError
-from solidtouch.models.io.load import load_taps, read_recording
+from solidtouch.models.io.load import load_taps, read_recording, taps_of
+from solidtouch.models.taps import TapSet
 
 KINDS = ("nc", "npz", "mat5", "mat73", "csv")
 PNG = b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR" + bytes(range(256))
@@ -51,6 +52,40 @@ def test_round_trip_gives_the_same_tap_set(kind, sizes, rate, seed, sized, make_
     assert_same(taps, read)
     if kind != "csv":
         assert read.where_unit == "mm"
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_missing_samples_are_read_where_they_are_to_be_dropped(kind, make_taps, writers, tmp_path):
+    """In samples and nowhere else; infinite ones are refused all the same, and so is a tap set that lacks some."""
+    whole, (suffix, write) = make_taps(2, 2, 3, 2, 1, 2), writers[kind]
+
+    def written(value, name="taps", place=(1, 2, 0)):
+        values = whole.dataset[name].values.copy()
+        values[place] = value
+        path = tmp_path / f"{name}{value}{suffix}"
+        marked = whole.dataset.assign_attrs(missing="drop")
+        if name == "taps" and np.isnan(value):
+            write(TapSet(marked.assign(taps=(whole.dataset["taps"].dims, values))), path)
+        else:
+            object.__setattr__(taps := TapSet(marked), "dataset", marked.assign({name: (marked[name].dims, values)}))
+            write(taps, path)
+        return path
+
+    lacking = written(np.nan)
+    read = load_taps(lacking, missing="drop")
+
+    assert np.argwhere(np.isnan(read.taps)).tolist() == [[1, 2, 0]]
+    assert read.missing == "drop"
+    refused = [(lacking, "refuse"), (written(np.inf), "drop")]
+    refused += [(written(np.nan, "where", 3), "drop")] if kind in ("nc", "csv") else []  # others hold indices
+    for path, missing in refused:
+        with pytest.raises(InputError, match="NaN and infinite values are not accepted"):
+            load_taps(path, missing)
+    assert taps_of(read, "drop") is read
+    with pytest.raises(InputError, match="1 of 8 taps have missing samples"):
+        taps_of(read)
+    with pytest.raises(InputError, match="missing must be refuse or drop, got 'keep'"):
+        load_taps(lacking, "keep")
 
 
 @pytest.mark.parametrize("kind", ["npz", "mat5", "mat73"])

@@ -62,12 +62,15 @@ def test_samples_of_any_kind_are_counted(rng, dtype):
 
 
 def test_a_nan_is_in_no_bin(rng):
-    """Among other samples its bin is -1, and counting refuses it."""
+    """Among other samples its bin is -1, and it is not counted; an infinite one is refused."""
     samples = rng.random((3, 4, 2))
     samples[1, 2, 1] = np.nan
     bins = find_bins(samples, np.linspace(0, 1, 5))
 
     assert np.argwhere(bins < 0).tolist() == [[1, 2, 1]]
+    assert np.concatenate(list(tap_counts(bins, 4))).sum(axis=1).tolist() == [8, 7, 8]
+    np.testing.assert_array_equal(dense(samples, np.linspace(0, 1, 5)), np.concatenate(list(tap_counts(bins, 4))))
+    samples[1, 2, 1] = np.inf
     with pytest.raises(InputError, match="Samples must not be NaN or infinite"):
         list(count_taps(samples, np.linspace(0, 1, 5)))
 

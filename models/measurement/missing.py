@@ -1,0 +1,50 @@
+"""Samples that are missing, which are NaN: which models leave them out of a fit and a likelihood."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..errors import InputError
+from .fits.priors import Taps
+
+
+def dependent(name: str) -> str:
+    """Says that a model cannot leave out samples."""
+    return (
+        f"Samples are missing, and {name} cannot leave them out, because its samples depend on each other; "
+        "histogram, gaussian, student, profile and functions with independent samples can."
+    )
+
+
+def refuse_missing(name: str, samples: NDArray[np.floating]) -> None:
+    """Checks that all samples of training taps are there.
+
+    Raises:
+        InputError: One is missing.
+    """
+    if np.isnan(samples).any():
+        raise InputError(dependent(name))
+
+
+def refuse_empty(name: str, taps: Taps, by_time: bool) -> None:
+    """Checks that every class with taps has samples of each taxel that has any.
+
+    A flat level of one that has none would be anywhere.
+
+    Args:
+        name: Name of the model.
+        taps: Training taps.
+        by_time: Whether the model has a level for each time.
+
+    Raises:
+        InputError: A class has none; the message names it.
+    """
+    present = ~np.isnan(taps.samples) if by_time else ~np.isnan(taps.samples).all(axis=1, keepdims=True)
+    alive = present.any(axis=0)
+    for l, m in np.unique(np.stack((taps.where, taps.what), axis=1), axis=0):
+        empty = alive & ~present[(taps.where == l) & (taps.what == m)].any(axis=0)
+        if empty.any():
+            j, k = np.argwhere(empty)[0]
+            at = f" at sample {j}" if by_time else ""
+            raise InputError(
+                f"{name} cannot be fitted: all samples of taxel {k}{at} are missing for position {l} and object {m}."
+            )
