@@ -281,6 +281,7 @@ def test_the_model_is_conjugate(rng):
     np.testing.assert_allclose(posterior_mean, reference.histogram_probabilities(counts, 0.3), rtol=1e-15)
 
 
+@pytest.mark.slow
 def test_a_chain_recovers_the_conjugate_posterior(rng):
     """Posterior means of 2 x 1 classes, 2 taxels and 3 bins are Eq. 2 within Monte Carlo error.
 
