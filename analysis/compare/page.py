@@ -174,8 +174,8 @@ def _single_taps(left_out: xr.Dataset, summary: Row) -> Iterator[Block]:
         f"Importance sampling (PSIS-LOO, {summary['draws']} draws) is unreliable for a tap with a Pareto k above "
         f"{number(rows[0]['good_k'], 2)}, that is, a tap with a large influence on the posterior of its class, or "
         "without a Pareto k; models with such taps are not ranked by it. Models that fail on a random sample of "
-        f"{SAMPLE} taps have no value, because the others are not looked at. For the histogram, leaving out a tap is "
-        "exact (a subtraction of counts)."
+        f"{SAMPLE} taps have no value, because the others are not looked at. Where a closed form exists "
+        "(histogram, gaussian and profile), leaving out a tap is exact, given the prior that the training taps suggest."
     )
     yield Picture(
         "pareto",

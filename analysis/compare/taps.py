@@ -2,7 +2,8 @@
 
 All densities are at power 1, as a powered likelihood is not normalised, and all are probabilities of the same bins.
 Single training taps are left out by Pareto smoothed importance sampling (Vehtari et al., JMLR 25 (2024) 72) where its
-diagnostic allows, which a sample of the taps decides, and exactly for the histogram; for whole groups see `groups`.
+diagnostic allows, which a sample of the taps decides, and exactly where a closed form exists; for whole groups see
+`groups`.
 """
 
 import warnings
@@ -15,7 +16,6 @@ from numpy.typing import NDArray
 
 from ...inference.trials.resampling import Spread
 from ...models.measurement.draws import drawn
-from ...models.measurement.histogram import HistogramPosterior
 from ...models.measurement.model import Fitted
 from ...models.seeds import Purpose, generator
 from ...models.taps import TapSet
@@ -74,9 +74,8 @@ def leave_one_tap_out(
 
     Returns:
         Over (tap): `looked_at`, `psis` in nats and `pareto_k`, NaN where a tap was not looked at or no tail can be
-        fitted; and `exact` and `exact_plug_in` where the model is a plain histogram.
+        fitted; where the model has a closed form `exact`, and for the plain histogram `exact_plug_in`.
     """
-    grid, own = fitted.model.grid, taps.indices(fitted.model.grid)
     order = generator(seed, Purpose.SINGLE_TAPS).permutation(len(taps))
     looked_at, (psis, k) = np.zeros(len(taps), dtype=bool), np.full((2, len(taps)), np.nan)
     good_k = GOOD_K
@@ -88,9 +87,11 @@ def leave_one_tap_out(
     result = xr.Dataset(
         {"psis": ("tap", psis), "pareto_k": ("tap", k), "looked_at": ("tap", looked_at), "good_k": good_k}
     )
-    if isinstance(fitted.posterior, HistogramPosterior) and len(fitted.model.states.gain) == 1:
-        left = fitted.posterior.leave_out(taps.taps, fitted.model.edges, own[0] * grid.M + own[1])
-        result["exact"], result["exact_plug_in"] = ("tap", left.integrated), ("tap", left.plug_in)
+    left = fitted.leave_out(taps)
+    if left is not None:
+        result["exact"] = "tap", left.integrated
+        if left.plug_in is not None:
+            result["exact_plug_in"] = "tap", left.plug_in
     return result
 
 

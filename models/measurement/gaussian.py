@@ -9,7 +9,7 @@ from .fits.cells import WEAK_CELLS, CellPosterior, cell_posterior, estimated_pri
 from .fits.posterior import check_cells
 from .fits.priors import CellPrior, Taps
 from .likelihood.bins import TableForm
-from .likelihood.forecasts import Unseen, log_normal_probability, log_student_probability
+from .likelihood.forecasts import Unseen, cells_left_out, log_normal_probability, log_student_probability
 from .likelihood.forms import bin_gaps
 from .likelihood.shapes import Measure, Parameters, standardised
 from .model import Row
@@ -63,6 +63,11 @@ def integrated(posterior: CellPosterior, frame: Measure, unseen: Unseen, _: np.r
     return total
 
 
+def leave_out(posterior: CellPosterior, frame: Measure, known: Unseen) -> NDArray[np.float64]:
+    """Training taps given all others."""
+    return cells_left_out(posterior.cells, frame, known)
+
+
 MODEL = Story(
     name="gaussian",
     row=Row("bins", "a normal distribution per class and taxel"),
@@ -76,5 +81,6 @@ MODEL = Story(
     arguments=prior_of_cells,
     trained_only=True,
     integrated=integrated,
+    leave_out=leave_out,
     independent=True,
 )

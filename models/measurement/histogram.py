@@ -27,6 +27,7 @@ from ..taps import TapSet
 from ..training import tap_digests
 from .fits.posterior import EXACT, ByClass, Convergence
 from .likelihood.bins import TableForm, bin_edges, count_taps, find_bins, tap_counts
+from .likelihood.forecasts import LeftOut
 from .likelihood.shapes import Parameters
 from .likelihood.true_class import Own
 from .model import Fitted, Row, TapModel
@@ -124,6 +125,21 @@ class HistogramModel(TapModel):
         with np.errstate(divide="ignore"):
             gained = np.where(rows > 0, gammaln(rows + times) - gammaln(np.maximum(rows, 1e-300)), -np.inf)
         return base + np.bincount(tap, gained, minlength=N)
+
+    def leave_out(self, posterior: "HistogramPosterior", taps: NDArray[np.floating], own: Own) -> LeftOut:
+        """Left-out training taps by subtraction of their counts, also at the mean of the posterior."""
+        K, B = posterior.concentration.shape[2:]
+        bins = find_bins(taps, self.edges)
+        integrated, plug_in = np.empty(len(taps)), np.empty(len(taps))
+        for n, (l, m) in enumerate(zip(*own, strict=True)):
+            counts = next(tap_counts(bins[n : n + 1], B)).reshape(K, B)
+            rest = np.maximum(posterior.concentration[l, m] - counts, np.finfo(float).tiny)
+            total, hit = rest.sum(axis=1), counts > 0
+            integrated[n] = (gammaln(total) - gammaln(total + counts.sum(axis=1))).sum() + (
+                gammaln(rest[hit] + counts[hit]) - gammaln(rest[hit])
+            ).sum()
+            plug_in[n] = (counts * np.log(rest / total[:, None])).sum()
+        return LeftOut(integrated, plug_in)
 
     def prior(self, posterior: "HistogramPosterior") -> "DirichletPrior":
         """Prior of the histograms."""
@@ -303,28 +319,6 @@ class HistogramPosterior(NamedTuple):
         """Convergence: always exact."""
         return EXACT
 
-    def leave_out(self, taps: NDArray[np.floating], edges: NDArray[np.float64], own: NDArray[np.intp]) -> "LeftOut":
-        """Log probability of each training tap given all others of its class, by subtraction of its counts.
-
-        Args:
-            taps: The training taps, shape (N, J, K).
-            edges: Edges of the bins.
-            own: Class l M + m of each, shape (N,).
-        """
-        K, B = self.concentration.shape[2:]
-        rows = self.concentration.reshape(-1, K, B)
-        bins = find_bins(taps, edges)
-        integrated, plug_in = np.empty(len(taps)), np.empty(len(taps))
-        for n, c in enumerate(own):
-            counts = next(tap_counts(bins[n : n + 1], B)).reshape(K, B)
-            rest = np.maximum(rows[c] - counts, np.finfo(float).tiny)
-            total, hit = rest.sum(axis=1), counts > 0
-            integrated[n] = (gammaln(total) - gammaln(total + counts.sum(axis=1))).sum() + (
-                gammaln(rest[hit] + counts[hit]) - gammaln(rest[hit])
-            ).sum()
-            plug_in[n] = (counts * np.log(rest / total[:, None])).sum()
-        return LeftOut(integrated, plug_in)
-
 
 class DirichletPrior(NamedTuple):
     """Symmetric Dirichlet prior of the histograms.
@@ -346,18 +340,6 @@ class DirichletPrior(NamedTuple):
         a, B = self.pseudocount, self.shape[-1]
         density = gammaln(B * a) - B * gammaln(a) + (a - 1) * parameters["log_prob"].sum(axis=-1)
         return {"log_prob": (("where", "what"), density.sum(axis=-1))}
-
-
-class LeftOut(NamedTuple):
-    """Log probability of each tap given all others, shape (N,) each.
-
-    Attributes:
-        integrated: Over the posterior.
-        plug_in: At its mean.
-    """
-
-    integrated: NDArray[np.float64]
-    plug_in: NDArray[np.float64]
 
 
 class _Histogram(NamedTuple):

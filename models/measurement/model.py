@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from ..taps import TapSet
     from .fits.posterior import Convergence, Posterior, Prior
     from .likelihood.any_form import Form, Prepared
+    from .likelihood.forecasts import LeftOut
     from .likelihood.shapes import Parameters
     from .likelihood.true_class import Own
     from .novelty import NoveltyScores
@@ -164,6 +165,15 @@ class TapModel(ABC):
             TypeError: It has no posterior.
         """
         raise TypeError(f"{type(self).__name__} has no predictive distribution.")
+
+    def leave_out(
+        self,
+        posterior: Any,  # noqa: ARG002
+        taps: NDArray[np.floating],  # noqa: ARG002
+        own: "Own",  # noqa: ARG002
+    ) -> "LeftOut | None":
+        """Log probability of training taps (N, J, K) of classes `own` given all others; `None` if unknown."""
+        return None
 
     @cached_property
     def form(self) -> "Form":
@@ -413,6 +423,12 @@ class Fitted(NamedTuple):
     model: TapModel
     posterior: "Posterior | None"
     convergence: "Convergence"
+
+    def leave_out(self, taps: "TapSet") -> "LeftOut | None":
+        """Log probability of training taps given all others; `None` where no closed form exists."""
+        if self.posterior is None or len(self.model.states.gain) > 1:
+            return None
+        return self.model.leave_out(self.posterior, taps.taps, taps.indices(self.model.grid))
 
     def integrated(self, draws: int, seed: int) -> Self:
         """Fit whose model decides by the mean over draws from its posterior.

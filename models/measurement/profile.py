@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from .fits.cells import CELL, WEAK_CELLS, CellPosterior, cell_posterior, estimated_prior, prior_of_cells
 from .fits.posterior import check_times
 from .fits.priors import CellPrior, Taps
-from .likelihood.forecasts import Unseen, cells_integrated
+from .likelihood.forecasts import Unseen, cells_integrated, cells_left_out
 from .likelihood.forms import GaussianForm
 from .likelihood.shapes import NO_TAXEL, Measure, Parameters, chain_form
 from .model import Row
-from .scaling import Moments
+from .scaling import Moments, least_deviation
 from .story import Story
 
 
@@ -51,6 +51,11 @@ def integrated(posterior: CellPosterior, frame: Measure, unseen: Unseen, _: np.r
     return cells_integrated(form, posterior.point(), posterior.cells, frame, unseen)
 
 
+def leave_out(posterior: CellPosterior, frame: Measure, known: Unseen) -> NDArray[np.float64]:
+    """Training taps given all others."""
+    return cells_left_out(posterior.cells, frame, known, least_deviation(frame.edges, known.taps.shape[2]))
+
+
 MODEL = Story(
     name="profile",
     row=Row("exchangeable samples", "a mean and a variance for each time of a tap"),
@@ -63,5 +68,6 @@ MODEL = Story(
     arguments=prior_of_cells,
     trained_only=True,
     integrated=integrated,
+    leave_out=leave_out,
     independent=True,
 )

@@ -32,7 +32,7 @@ from .fits.priors import Taps
 from .fitted_parameters import ModelOfParameters, training
 from .generic.contract import SIZES, StoryCall, StoryFunction
 from .likelihood.any_form import Form
-from .likelihood.forecasts import Unseen
+from .likelihood.forecasts import LeftOut, Unseen
 from .likelihood.shapes import Measure, Parameters
 from .likelihood.true_class import Own
 from .missing import refuse_empty, refuse_missing
@@ -70,6 +70,7 @@ class Story:
         trained_only: Whether chains must leave classes without a tap out, because their levels are flat.
         integrated: Log probability of taps integrated over the posterior of the fast fit, shape (N,); default the mean
             over draws.
+        leave_out: Log probability of training taps given all others, shape (N,), exact given the prior; default none.
         basis: From that posterior, the training taps, the grid and their where classes to basis functions at Q places
             in each where class, shape (Q, L, D); for stories of curves over position.
         covered: From the trained classes to those that it can speak about, shape (L, M) both; default the trained ones.
@@ -91,6 +92,7 @@ class Story:
     sites: Callable[[Parameters], Parameters] | None = None
     trained_only: bool = False
     integrated: Callable[[Any, Measure, Unseen, np.random.Generator], NDArray[np.float64]] | None = None
+    leave_out: Callable[[Any, Measure, Unseen], NDArray[np.float64]] | None = None
     basis: Callable[[Any, TapSet, ClassGrid, NDArray[np.intp]], NDArray[np.float64]] | None = None
     covered: Callable[[NDArray[np.bool_]], NDArray[np.bool_]] | None = None
     own_threads: bool = False
@@ -269,6 +271,12 @@ class ParametricModel(ModelOfParameters):
             return super().integrated(posterior, taps, own, generator, gain, offset)
         unseen = Unseen((taps - offset) / gain, (self.edges - offset) / gain, own)  # as in the state of gain 1
         return self.story.integrated(posterior, self.frame, unseen, generator)
+
+    def leave_out(self, posterior: Any, taps: NDArray[np.floating], own: Own) -> LeftOut | None:
+        """Left-out training taps, exact where cells are conjugate."""
+        if self.story.leave_out is None or isinstance(posterior, SamplePosterior):
+            return None
+        return LeftOut(self.story.leave_out(posterior, self.frame, Unseen(taps, self.edges, own)))
 
 
 @lru_cache

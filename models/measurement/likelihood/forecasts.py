@@ -57,6 +57,18 @@ class Unseen(NamedTuple):
     own: Own
 
 
+class LeftOut(NamedTuple):
+    """Log probability of training taps given all others, shape (N,) each.
+
+    Attributes:
+        integrated: Over the posterior of the parameters, exact given their prior.
+        plug_in: At its mean; `None` where unknown.
+    """
+
+    integrated: NDArray[np.float64]
+    plug_in: NDArray[np.float64] | None = None
+
+
 def cells_integrated(
     form: Callable[[Parameters, Measure], GaussianForm],
     parameters: Parameters,
@@ -67,6 +79,40 @@ def cells_integrated(
     """Log probability of the bins of taps, levels and variances of cells integrated out, shape (N,)."""
     variance = cells.b / cells.a * (1 + 1 / np.maximum(cells.strength, 1.0))
     return log_t_probability(form({**parameters, "variance": variance}, frame), 0, 2 * cells.a, unseen)
+
+
+def cells_left_out(
+    cells: Cells, frame: Measure, known: Unseen, least: NDArray[np.float64] | float = 0.0
+) -> NDArray[np.float64]:
+    """Log probability of training taps given all others, taken out of the posterior of their cells, shape (N,).
+
+    Exact given the prior. NaN for a tap that is alone in a cell of flat level.
+
+    Args:
+        cells: Posterior given all training taps; samples are independent given the cells.
+        frame: Units of the cells.
+        known: Some of the training taps.
+        least: Lower bound of the scales of forecasts, in the unit of the samples, broadcast to (K,).
+    """
+    samples, below, above = bin_gaps(known.taps, known.edges, may_miss=True)
+    centre, unit = frame.scaling
+    samples, below, above, there = (samples - centre) / unit, below / unit, above / unit, ~np.isnan(known.taps)
+    level, strength, a, b = (array[known.own].astype(np.float64) for array in cells)
+    J = samples.shape[1]
+    # Samples that share a cell go one by one, so that the first of a tap is predicted without the later ones.
+    steps = [slice(None)] if level.shape[1] == J else [slice(j, j + 1) for j in reversed(range(J))]
+    total = np.zeros(len(samples))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for step in steps:
+            one = there[:, step]
+            # From the level without the sample.
+            gap = np.where(one, (samples[:, step] - level) * strength / (strength - 1), 0.0)
+            level, strength, a = np.where(one, samples[:, step] - gap, level), strength - one, a - 0.5 * one
+            b = np.maximum(b - 0.5 * strength / (strength + 1) * gap**2, np.finfo(float).eps * b)
+            scale = np.maximum(np.sqrt(b / a * (1 + 1 / strength)), least / unit)
+            lower, upper = (below[:, step] + gap) / scale, (above[:, step] + gap) / scale
+            total += np.where(one, log_student_probability(lower, upper, 2 * a), 0.0).sum(axis=(1, 2))
+    return total
 
 
 def slopes_integrated(

@@ -52,13 +52,14 @@ def test_histogram_is_left_out_exactly_and_importance_sampling_says_where_it_fai
     assert set(result) == {"psis", "pareto_k", "looked_at", "good_k", "exact", "exact_plug_in"}
 
 
-def test_importance_sampling_agrees_where_it_can():
+@pytest.mark.parametrize("name", ["histogram", "gaussian"])
+def test_importance_sampling_agrees_where_it_can(name):
     """With many taps of few samples it is as good as the exact value."""
     generator = np.random.default_rng(5)
     taps = TapSet.from_arrays(
         generator.normal(size=(300, 1, 1)), np.zeros(300, dtype=int), ["a"], preprocessing=Preprocessing(samples=1)
     )
-    fitted = fit_model("histogram", taps, taps.grid(), SETTINGS.changed(bins=5))
+    fitted = fit_model(name, taps, taps.grid(), SETTINGS.changed(bins=5))
     result = leave_one_tap_out(fitted, taps, 2000, seed=0)
     assert float(result["pareto_k"].max()) < 0.7
     np.testing.assert_allclose(result["psis"], result["exact"], atol=0.02)

@@ -205,7 +205,7 @@ def test_the_law_of_left_out_taps_holds(random_holes):
         "histogram", random_holes, random_holes.grid(), SETTINGS.changed(edges=np.linspace(-4, 9, B + 1))
     )
     where, what = random_holes.indices(fitted.model.grid)
-    left_out = fitted.posterior.leave_out(random_holes.taps, fitted.model.edges, where * M + what)
+    left_out = fitted.leave_out(random_holes)
     rest = random_holes.select(np.arange(len(random_holes)) != 3)
     others = fit_model("histogram", rest, fitted.model.grid, SETTINGS.changed(edges=fitted.model.edges))
     own, tap = (where[3:4], what[3:4]), random_holes.taps[3:4]

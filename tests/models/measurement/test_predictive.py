@@ -8,7 +8,9 @@ import pytest
 from scipy.special import gammaln
 from scipy.stats import multivariate_t
 from solidtouch.models.grid import ClassGrid
+from solidtouch.models.measurement import gaussian, profile
 from solidtouch.models.measurement.draws import drawn, integrated, plug_in
+from solidtouch.models.measurement.fits.priors import Taps
 from solidtouch.models.measurement.histogram import HistogramPosterior
 from solidtouch.models.measurement.registry import NAMES, fit_model
 from solidtouch.models.measurement.states import States
@@ -96,7 +98,7 @@ def test_histogram_leaves_out_taps_exactly():
     fitted = fit_model("histogram", TAPS, GRID, SETTINGS)
     assert isinstance(fitted.posterior, HistogramPosterior)
     where, what = TAPS.indices(GRID)
-    left = fitted.posterior.leave_out(TAPS.taps, fitted.model.edges, where * M + what)
+    left = fitted.leave_out(TAPS)
     for n in (0, 7, 20):
         rest = TAPS.select(np.arange(len(TAPS)) != n)
         without = fit_model("histogram", rest, GRID, SETTINGS.changed(edges=fitted.model.edges))
@@ -104,6 +106,43 @@ def test_histogram_leaves_out_taps_exactly():
         expected = integrated(without, TAPS.taps[n : n + 1], one, np.random.default_rng(0))[0]
         assert left.integrated[n] == pytest.approx(expected, abs=1e-9)
         assert left.plug_in[n] == pytest.approx(plug_in(without, TAPS.taps[n : n + 1], one)[0], abs=1e-9)
+
+
+@pytest.mark.parametrize("module", [gaussian, profile])
+@pytest.mark.parametrize("missing", [0.0, 0.2])
+def test_cells_leave_out_taps_exactly(module, missing, rng):
+    """Taken out of the posterior, a tap has the probability that a fit to the others with the same prior gives it."""
+    samples = np.where(rng.random(TAPS.taps.shape) < missing, np.nan, TAPS.taps)
+    taps = TapSet(TAPS.dataset.assign(taps=(TAPS.dataset["taps"].dims, samples)).assign_attrs(missing="drop"))
+    fitted = fit_model(module.MODEL.name, taps, GRID, SETTINGS)
+    model, (where, what) = fitted.model, taps.indices(GRID)
+    scaled = model.scaling.scaled(Taps(samples, where, what, GRID.shape))
+    left = fitted.leave_out(taps)
+
+    for n in (0, 7, 20):
+        rest = np.arange(len(taps)) != n
+        without = Taps(scaled.samples[rest], where[rest], what[rest], GRID.shape)
+        posterior, one = module.fit(without, fitted.posterior.prior), (where[n : n + 1], what[n : n + 1])
+        expected = model.integrated(posterior, samples[n : n + 1], one, rng, 1.0, 0.0)[0]
+        assert left.integrated[n] == pytest.approx(expected, abs=1e-9)
+    assert left.plug_in is None
+    assert (left.integrated < integrated(fitted, samples, (where, what), rng)).mean() > 0.9
+
+
+@pytest.mark.parametrize("name", ["profile-ar", "student", "session:gaussian"])
+def test_models_without_a_closed_form_leave_out_no_tap(name, as_student):
+    """Also one whose taps share a state, and one that was sampled."""
+    plain = fit_model("gaussian" if name == "student" else name, TAPS, GRID, SETTINGS)
+
+    assert (plain._replace(model=as_student(plain.model)) if name == "student" else plain).leave_out(TAPS) is None
+
+
+def test_a_tap_that_is_alone_in_a_cell_has_no_value():
+    """Its level is flat without it."""
+    lone = TAPS.select(np.arange(len(TAPS)) >= PER_CLASS - 1)
+    value = fit_model("profile", lone, GRID, SETTINGS).leave_out(lone).integrated
+
+    np.testing.assert_array_equal(np.isnan(value), np.arange(len(lone)) == 0)
 
 
 def test_histogram_is_dirichlet_multinomial():
