@@ -243,7 +243,20 @@ def load_experiment(data: Sequence[TapSource], division: Division | None = None)
             if not np.any(np.minimum(*side.indices(grid)) >= 0):
                 names = names_of(data)
                 raise InputError(f"No tap left to {verb}: none of {names[-1]} belongs to a class of {names[0]}.")
-    return untrained(parts, division.training_taps), grid
+    parts = untrained(parts, division.training_taps)
+    train, test = ([getattr(fold, side) for fold in parts.folds] for side in ("train", "test"))
+    told = parts.warning, missing_sentence(train, "training taps"), missing_sentence(test, "test taps")
+    return replace(parts, warning=" ".join(filter(None, told))), grid
+
+
+def missing_sentence(taps: Sequence[TapSet], name: str) -> str:
+    """How many samples are missing, and which taxels have none; empty if none is missing."""
+    missing = np.concatenate([np.isnan(part.taps) for part in taps])
+    if not missing.any():
+        return ""
+    dead = ", ".join(map(str, np.flatnonzero(missing.all(axis=(0, 1)))))
+    none = f"; taxels without any: {dead}" if dead else ""
+    return f"{missing.mean():.1%} of the samples of the {name} are missing and left out{none}."
 
 
 def parse_sessions(text: str | None, option: str) -> list[int] | None:

@@ -36,7 +36,7 @@ def training_taps(taps: TapSet, training: NDArray[np.uint64]) -> NDArray[np.bool
         training: Digests of the training taps, see `tap_digests`.
     """
     digest, count = np.unique(training, return_counts=True)
-    known = np.isin(tap_digests(taps.taps), digest[count == 1])
+    known = np.isin(tap_digests(taps.taps), digest[count == 1]) & ~np.isnan(taps.taps).all(axis=(1, 2))
     chance = count[count > 1].sum() > _FEW * len(training)
     result = known & (not chance)
     for session in np.unique(taps.session):

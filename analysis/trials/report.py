@@ -22,7 +22,7 @@ from ...models.io.model_file import ModelSource, model_of
 from ...models.measurement.model import TapModel
 from ...models.progress import Progress, no_progress
 from ...models.settings import Missing, PlaySettings
-from ...models.splits import select_sessions
+from ...models.splits import missing_sentence, select_sessions
 from ...models.storage import complete_file
 from ...models.training import untrained_taps
 from ..experiment.data_warnings import one_object
@@ -148,10 +148,11 @@ def trials(
     with named(taps):
         fitted.check_tapset(chosen)
     tested, sentence = untrained_taps(chosen, fitted.training, training_taps)
-    if sentence:
-        note(sentence)
     with named(taps):
         tested = fitted.usable(tested)
+    lacking = missing_sentence([tested], "test taps")
+    for told in filter(None, (sentence, lacking and f"Note: {lacking}")):
+        note(told)
     check_device(device)
     table = tap_table(fitted, tested)
     if start is not None and not 0 <= start < grid.L:

@@ -19,10 +19,12 @@ def untrained(model: "TapModel", taps: "TapSet", keep: bool) -> "TapSet":
     Raises:
         InputError: No tap is left, or the taps do not fit the model.
     """
+    from ...models.splits import missing_sentence
     from ...models.training import untrained_taps
 
     model.check_tapset(taps)
     rest, sentence = untrained_taps(taps, model.training, keep)
-    if sentence:
-        print(sentence, file=sys.stderr)
+    lacking = missing_sentence([rest], "recorded taps")
+    for told in filter(None, (sentence, lacking and f"Note: {lacking}")):
+        print(told, file=sys.stderr)
     return rest

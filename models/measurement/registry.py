@@ -165,8 +165,6 @@ def fit_model(
     """
     kind, in_states = split_name(name)
     settings = _checked(settings, taps)
-    if in_states:
-        import_module(".missing", __package__).refuse_missing(name, taps.taps)
     with one_blas_thread():
         fitted = measurement_model(kind).fit(taps, grid, settings, trained_on, progress)
     if not (fitted.convergence.converged or settings.unconverged):

@@ -113,16 +113,17 @@ def _shared_means(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float] | None:
     """Flattened mean taps of the classes shared by a session and the others, and the noise variance of the latter.
 
-    `None` where there are no such classes, or no class with two taps in the others to tell noise by.
+    `None` where there are no such classes, or no class with two taps in the others to tell noise by. Samples that are
+    NaN do not count.
     """
-    shared, count = np.intersect1d(own[this], own[~this]), np.bincount(own[~this], minlength=classes)
-    freedom = int(np.maximum(count - 1, 0).sum())
-    if not len(shared) or not freedom:
+    (mean, n), (rest, count) = (_class_means(own[part], samples[part], classes) for part in (this, ~this))
+    used, freedom = (n > 0) & (count > 0), np.maximum(count - 1, 0).sum(axis=0).mean()
+    if not used.any() or not freedom:
         return None
-    mean, rest = (_class_means(own[part], samples[part], classes) for part in (this, ~this))
-    square = ((samples[~this] - rest[own[~this]]) ** 2).sum(axis=0).mean()
-    noise = float(square / freedom * (1 / count[shared]).mean())
-    return mean[shared].ravel(), rest[shared].ravel(), noise
+    square = np.nansum((samples[~this] - rest[own[~this]]) ** 2, axis=0).mean()
+    noise = float(square / freedom * np.broadcast_to(1 / np.maximum(count, 1), used.shape).mean(where=used))
+    used = np.broadcast_to(used, mean.shape)
+    return mean[used], rest[used], noise
 
 
 def _line(mean: NDArray[np.float64], rest: NDArray[np.float64], noise: float) -> tuple[float, float]:
@@ -132,10 +133,16 @@ def _line(mean: NDArray[np.float64], rest: NDArray[np.float64], noise: float) ->
     return slope, float(mean.mean() - slope * rest.mean())
 
 
-def _class_means(own: NDArray[np.intp], samples: NDArray[np.float64], classes: int) -> NDArray[np.float64]:
-    """Mean tap of each class, 0 for classes without taps, shape (classes, J, K)."""
-    count = np.bincount(own, minlength=classes)
-    return sum_by(own, samples, classes) / np.maximum(count, 1)[:, None, None]
+def _class_means(
+    own: NDArray[np.intp], samples: NDArray[np.float64], classes: int
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Mean tap of each class, 0 without samples, shape (classes, J, K), and the number of these, broadcast over it."""
+    present = ~np.isnan(samples)
+    if present.all():
+        count = np.bincount(own, minlength=classes).astype(np.float64)[:, None, None]
+    else:
+        count = sum_by(own, present.astype(np.float64), classes)
+    return sum_by(own, np.where(present, samples, 0.0), classes) / np.maximum(count, 1), count
 
 
 def _root_mean_square(values: list[float]) -> float:

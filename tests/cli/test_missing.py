@@ -30,6 +30,7 @@ def test_missing_samples_are_refused_unless_they_are_to_be_dropped(command, file
     play = "--trials", 60, "--deadline", 5
 
     assert fitted.code == 0
+    assert re.search(r"of the samples of the training taps are missing and left out\.", fitted.out)
     for words in (
         ("fit", files[0], "--out", tmp_path / "other.nc"),
         ("trials", model, files[1], *play),
@@ -46,7 +47,9 @@ def test_missing_samples_are_refused_unless_they_are_to_be_dropped(command, file
         ("trials", model, files[1], *play),
         ("perceive", model, "--rig", f"replay:{files[1]}", "--deadline", 3, "--shadow"),
     ):
-        assert command(*words, "--missing", "drop").code == 0
+        done = command(*words, "--missing", "drop")
+        assert done.code == 0
+        assert "are missing and left out; taxels without any: 3." in " ".join((done.out + done.err).split())
 
 
 def test_a_model_of_dependent_samples_is_named(command, files, tmp_path):

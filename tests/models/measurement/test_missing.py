@@ -15,9 +15,11 @@ from solidtouch.models.errors import InputError
 from solidtouch.models.measurement.generic import fit as fits
 from solidtouch.models.measurement.likelihood.story_likelihood import log_likelihoods
 from solidtouch.models.measurement.registry import fit_model, model_name
-from solidtouch.models.measurement.shared_gain import state_grid
+from solidtouch.models.measurement.shared_gain import session_spread, state_grid
 from solidtouch.models.settings import FitSettings
 from solidtouch.models.taps import TapSet
+
+import solidtouch as st
 
 L, M, J, K, B = 3, 2, 4, 3, 7
 SETTINGS = FitSettings(bins=B, power="none", unconverged=True)
@@ -199,6 +201,19 @@ def test_levels_are_means_of_the_samples_that_are_there(name, axes, random_holes
         np.testing.assert_allclose(level[l, m], np.nanmean(own, axis=axes).reshape(level[l, m].shape), rtol=1e-9)
 
 
+def test_taps_without_samples_are_as_no_taps(taps):
+    """In all that a session model learns; other missing samples change the spread of sessions a little."""
+    gone = np.arange(len(taps)) % 5 == 2
+    lacking, rest = missing(taps, gone), taps.select(~gone)
+    settings = SETTINGS.changed(edges=np.linspace(-4, 9, B + 1))
+    for name, rtol in (("session", 1e-9), ("session:gaussian", 1e-4)):  # whose prior is found by steps
+        found, expected = (fit_model(name, each, taps.grid(), settings).model for each in (lacking, rest))
+        np.testing.assert_allclose(found.log_likelihood(rest.taps), expected.log_likelihood(rest.taps), rtol=rtol)
+
+    whole, few = session_spread(taps, taps.grid(), settings.edges), missing(taps, np.s_[::3, 1, 0])
+    np.testing.assert_allclose(session_spread(few, taps.grid(), settings.edges), whole, rtol=0.5)
+
+
 def test_the_law_of_left_out_taps_holds(random_holes):
     """Left-out taps by subtraction have the probability that a fit to the others gives them."""
     fitted = fit_model(
@@ -245,7 +260,44 @@ def test_a_fit_of_a_function_sees_the_samples_that_are_there(story, random_holes
     assert float(found) == pytest.approx(np.nansum(density), rel=1e-9)
 
 
-@pytest.mark.parametrize("name", ["profile-ar", "profile-mvn", "matrix-normal", "smooth", "session", walk, forecast])
+def known_scale(where, what, taps=None, *, L, M, J, K):
+    """A level of each class and taxel, whose posterior is normal."""
+    with numpyro.plate("L", L, dim=-3), numpyro.plate("M", M, dim=-2), numpyro.plate("K", K, dim=-1):
+        level = numpyro.sample("level", dist.Normal(0.0, 3.0))
+    with numpyro.plate("tap", len(where), dim=-2), numpyro.plate("taxel", K, dim=-1):
+        over_time = None if taps is None else jax.numpy.swapaxes(taps, 1, 2)
+        each = dist.Normal(level[where, what][..., None], 1.0).expand([len(where), K, J])
+        numpyro.sample("taps", each.to_event(1), obs=over_time)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("method", "far"), [("map", 0.01), ("svi", 0.5), ("nuts", 0.3)])
+def test_fits_find_the_level_of_the_samples_that_are_there(method, far, random_holes):
+    """Up to a fraction of its posterior deviation; observed with taxels before times, one of them dead in a class."""
+    own = np.argwhere((random_holes.what == 1) & (random_holes.where == 0)).ravel()
+    taps = missing(random_holes, np.s_[own, :, 2])
+    model = st.fit(taps, model=known_scale, method=method, missing="drop", bins=B, unconverged=True)
+    where, what = taps.indices(model.grid)
+    scaled = (taps.taps - model.scaling.centre) / model.scaling.unit
+    for l, m in np.ndindex(L, M):
+        of_class = scaled[(where == l) & (what == m)]
+        precision = 1 / 9 + (~np.isnan(of_class)).sum(axis=(0, 1))
+        deviation = np.abs(model.parameters["level"][l, m] - np.nansum(of_class, axis=(0, 1)) / precision)
+        assert (deviation * np.sqrt(precision) < far).all()
+
+
+@pytest.mark.slow
+def test_chains_and_variational_fits_of_built_in_models_leave_out_samples(random_holes):
+    """Levels of `gaussian` by chains, and of `student` by its fit, are near the exact ones of `gaussian`."""
+    exact = fit_model("gaussian", random_holes, random_holes.grid(), SETTINGS)
+    deviation = np.sqrt(exact.posterior.cells.b / exact.posterior.cells.a / exact.posterior.cells.strength)
+    for name, method, far in (("gaussian", "nuts", 0.3), ("student", "closed", 1.5)):
+        found = fit_model(name, random_holes, random_holes.grid(), SETTINGS.changed(method=method)).model
+        gap = np.abs(found.parameters["level"] - exact.model.parameters["level"]) / deviation
+        assert gap.max() < far
+
+
+@pytest.mark.parametrize("name", ["profile-ar", "profile-mvn", "matrix-normal", "smooth", walk, forecast])
 def test_a_model_of_dependent_samples_refuses_to_learn(name, random_holes):
     told = name if isinstance(name, str) else name.__name__
     with pytest.raises(InputError, match=f"missing, and {told} cannot leave them out"):
