@@ -121,6 +121,31 @@ def whiten_time(tap, time, out):
 
 
 @compiled
+def whiten_taxels(tap, taxel, room, J):
+    """Multiplies the K samples of each time by a unit lower triangular matrix, in place.
+
+    Args:
+        tap: Shape (J K,).
+        taxel: Shape (K, K).
+        room: Room for J K numbers; the times of each taxel lie together there, so that loops use vector instructions.
+        J: Number of times.
+    """
+    K = len(taxel)
+    for k in range(K):
+        for j in range(J):
+            room[k * J + j] = tap[j * K + k]
+    for k in range(K - 1, 0, -1):
+        own = room[k * J : (k + 1) * J]
+        for i in range(k):
+            weight, other = taxel[k, i], room[i * J : (i + 1) * J]
+            for j in range(J):
+                own[j] += weight * other[j]
+    for k in range(K):
+        for j in range(J):
+            tap[j * K + k] = room[k * J + j]
+
+
+@compiled
 def tap_log_probability(whitened, below, above, mean, taxel, scale, room):
     """Log probability of the bins of one tap under one Gaussian.
 
@@ -146,10 +171,7 @@ def tap_log_probability(whitened, below, above, mean, taxel, scale, room):
     for i in range(n):
         innovation[i] = flat[i] - centre[i]
     if len(taxel) > 0:
-        for j in range(0, n, K):
-            for k in range(K - 1, 0, -1):
-                for i in range(k):
-                    innovation[j + k] += taxel[k, i] * innovation[j + i]
+        whiten_taxels(innovation, taxel, a, J)
     for i in range(n):
         per_spread = 1 / spread[i]
         a[i] = (down[i] + innovation[i]) * per_spread
