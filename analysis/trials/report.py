@@ -151,8 +151,8 @@ def trials(
     with named(taps):
         tested = fitted.usable(tested)
     lacking = missing_sentence([tested], "test taps")
-    for told in filter(None, (sentence, lacking and f"Note: {lacking}")):
-        note(told)
+    for line in filter(None, (sentence, lacking and f"Note: {lacking}")):
+        note(line)
     check_device(device)
     table = tap_table(fitted, tested)
     if start is not None and not 0 <= start < grid.L:

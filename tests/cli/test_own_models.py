@@ -1,6 +1,7 @@
 """Commands with a model that is a function of the user's."""
 
 import json
+import re
 import sys
 from pathlib import Path
 
@@ -78,6 +79,24 @@ def test_a_function_is_compared_with_a_built_in_model(run, monkeypatch, sketched
     assert "my_models.py:heavy gives densities of samples" in " ".join(told.split())
     found = json.loads(Path("compared/summary.json").read_text(encoding="utf-8"))["models"]
     assert ["By hand for map." in model["fit"] for model in found] == [False, True]
+
+
+def test_a_fit_shows_its_steps_and_leaves_nothing_when_it_is_interrupted(run, monkeypatch):
+    """Also where a file of another fit would have been overwritten."""
+
+    def interrupted(fit, _):
+        fit.progress("my_models.py:walk, steps", 50)(20)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(fits, "posterior", interrupted)
+    monkeypatch.setattr(fits, "check_prior", lambda _: "")
+    Path("walk.nc").write_bytes(b"earlier")
+    told = run("fit session-0.nc --model my_models.py:walk --out walk.nc --force", 130)
+
+    assert re.search(r"my_models.py:walk, steps .*20/50", told)
+    assert "interrupted; all files written are complete" in told
+    assert Path("walk.nc").read_bytes() == b"earlier"
+    assert not [path for path in Path().iterdir() if "walk" in path.name and path.name != "walk.nc"]
 
 
 @pytest.mark.parametrize(
