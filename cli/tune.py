@@ -73,7 +73,7 @@ def tune(
         Path | None,
         Option("--targets", metavar="FILE.json", help="Also learn the target of each position, for --move table."),
     ] = None,
-    division: Annotated[Division, Fields(*DIVIDED)] = Division(training_taps=True),
+    division: Annotated[Division, Fields(*DIVIDED, "missing")] = Division(training_taps=True),
     fit: Annotated[
         FitSettings,
         Fields("bins", "pseudocount", "saturation", "value_range", "method", "steps", "unconverged", power=Exponent),

@@ -171,6 +171,8 @@ def audit(
     ):
         if number < least:
             raise InputError(f"{name} must be {least} or more, got {number}.")
+    if division.missing == "drop":
+        raise InputError("An audit compares samples of all taps, so it refuses missing ones; missing cannot be 'drop'.")
     names = model_names(models)
     parts, grid = load_parts(data, division)
     grid, dropped = trim(grid, [parts.train])

@@ -65,7 +65,7 @@ def load_parts(data: Sequence[TapSource], division: Division | None = None) -> t
         InputError: As `load_taps`, `TapSet.grid` and `audit_parts`.
     """
     division = division or Division()
-    taps = [taps_of(source) for source in data]
+    taps = [taps_of(source, division.missing) for source in data]
     if not taps:
         raise InputError("Taps to train, tune and measure with are missing; pass one tap set or more.")
     grid = taps[0].grid(division.where_cell, division.what_cell)

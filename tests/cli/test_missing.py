@@ -4,7 +4,10 @@ import re
 
 import numpy as np
 import pytest
+from solidtouch.models.settings import Division
 from solidtouch.models.taps import TapSet
+
+import solidtouch as st
 
 
 @pytest.fixture
@@ -50,6 +53,13 @@ def test_missing_samples_are_refused_unless_they_are_to_be_dropped(command, file
         done = command(*words, "--missing", "drop")
         assert done.code == 0
         assert "are missing and left out; taxels without any: 3." in " ".join((done.out + done.err).split())
+    setting = "--trials", 100, "--bins", 9, "--deadline", 20, "--out", tmp_path / "setting.json"
+    assert command("tune", files[1], *setting, "--missing", "drop").code == 0
+
+
+def test_an_audit_takes_no_taps_with_missing_samples(files):
+    with pytest.raises(ValueError, match=r"An audit .* refuses missing"):
+        st.audit(*files, division=Division(missing="drop"))
 
 
 def test_a_model_of_dependent_samples_is_named(command, files, tmp_path):
