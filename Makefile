@@ -40,6 +40,8 @@ studies: $(VENV)/.ready-run
 	@$(PY) -m benchmarks.studies.models.recovery --document docs/explanation/model-studies.md
 	@$(PY) -m benchmarks.studies.models.recovery --own --document docs/explanation/model-studies.md
 	@$(PY) -m benchmarks.studies.models.sbc --document docs/explanation/model-studies.md
+	@$(PY) -m benchmarks.studies.models.user_sbc --document docs/explanation/model-studies.md
+	@$(PY) -m benchmarks.studies.models.svi_rule --document docs/explanation/model-studies.md
 	@$(PY) -m benchmarks.studies.models.sessions --document docs/explanation/model-studies.md
 
 audit-studies: $(VENV)/.ready-run

@@ -259,7 +259,7 @@ def test_an_interrupted_study_keeps_what_is_finished(capsys):
 
 def test_the_page_has_a_place_for_every_study():
     page = ROOT / "docs" / "explanation" / "model-studies.md"
-    for name in ("recovery", "own-recovery", "sbc", "sessions"):
+    for name in ("recovery", "own-recovery", "sbc", "user-sbc", "svi-rule", "sessions"):
         check_block(page, name)
 
 
@@ -271,6 +271,8 @@ def test_figures_are_drawn(rng):
     panel = figures.RankPanel("a", band.z, band.low, band.high, curves)
     shown = figures.rank_figure([panel] * 3)
     assert [axes.get_visible() for axes in shown.axes] == [True, True, True, False]
+    rule = figures.RulePanel("c", 0.5, {"a": rng.exponential(size=(2, 4, 3))})
+    assert len(figures.rule_figure([rule, rule]).axes[1].lines) == 2
     gain = figures.Gain("b", np.array([1, 5]), {"power J": rng.normal(size=(4, 2))})
     assert figures.session_figure([gain], "log score").axes[0].get_title() == "b"
 

@@ -1,15 +1,18 @@
 """The studies of users' models run, and tell what they should from what they are given."""
 
+import jax
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from numpyro.contrib.funsor import enum, log_density
+from numpyro.handlers import block, substitute
 from scipy.special import logsumexp
 from scipy.stats import norm
 from solidtouch.models.measurement.generic import fit as fits
 from solidtouch.models.measurement.registry import fit_model
 from solidtouch.models.settings import FitSettings
 
-from benchmarks.studies.models import recovery, user_stories
+from benchmarks.studies.models import recovery, sbc, svi_rule, user_sbc, user_stories
 
 
 class Known:
@@ -101,3 +104,76 @@ def test_taps_of_a_users_model_are_won_by_it():
 
     assert max(found.scores, key=found.scores.__getitem__) == "walk"
     assert found.covered["scale"][1] == 2 * 2 * 2
+
+
+# Simulation-based calibration --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", user_sbc.STORIES)
+def test_the_log_density_by_hand_is_that_of_the_story(name):
+    begun = user_sbc.fit_of(name, user_sbc.SIZES)
+    drawn, samples = sbc.from_story(lambda: begun.story(begun.batch), 3, 1)
+    parameters = {key: drawn[key][0].astype(float) for key in begun.names}
+    found = user_sbc.quantities((begun.batch.where, begun.batch.what), parameters, samples[0])
+    with jax.enable_x64(True), enum(first_available_dim=-8):
+        own = block(substitute(begun.summed, data=parameters), hide=list(begun.names))
+        expected = log_density(own, (samples[0].astype(float),), {}, {})[0]
+
+    assert found["log likelihood"] == pytest.approx(float(expected), rel=1e-9)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("method", user_sbc.METHODS)
+def test_ranks_of_a_users_model_are_those_of_its_fit(method, monkeypatch):
+    """And one program serves all data sets."""
+    monkeypatch.setattr(sbc, "DRAWS", 19)
+    converged = []
+    study = user_sbc.study("laplace", method, user_sbc.SIZES, converged)
+    result = sbc.run(study, 30, 5)
+    band = sbc.simultaneous_band(30)
+
+    assert all(sbc.p_values(rank, band)[0] > 1e-4 for rank in result.rank.values())
+    assert converged == [True] * 30
+    assert [len(rank) for rank in user_sbc.only(result, np.arange(30) < 20).rank.values()] == [20] * 5
+
+
+# The rule of variational fits --------------------------------------------------------------------------------------
+
+
+def test_a_fit_that_has_hardly_begun_is_far_from_the_long_one(monkeypatch):
+    for name, value in {"_AT_ONCE": 20, "TRIED": 20, "STEPS": 40, "_WINDOW": 10, "RUNS": 2, "STARTS": 1}.items():
+        monkeypatch.setattr(fits, name, value)
+    monkeypatch.setattr(svi_rule, "LONG", 6)
+    first, second = svi_rule.run(svi_rule.from_prior("walk", svi_rule.FEW, 1, 2), 2)
+
+    assert [len(one.gap) for one in (first, second)] == [2, 2]
+    assert first.gap != second.gap
+    for one in (first, second):
+        assert 0 < one.gap[1] < one.gap[0]
+        assert 0 < one.distance[1] < one.distance[0]
+
+
+def ended(change, gap):
+    return svi_rule.Ended("a", "prior", change, 0.15, gap, [2.0, 1.0])
+
+
+def test_what_the_rule_calls_is_counted():
+    """Rightly converged, too early, and converged but not called so."""
+    right, early, late = ended([0.1, 0.1], [0.05, 0.1]), ended([0.9, 0.1], [2.0, 0.7]), ended([0.8, 0.4], [0.3, 0.02])
+    line = svi_rule.result_table([right, early, late]).splitlines()[-1]
+    none, half, two_thirds = "0.000 [0.000, 0.658]", "0.500 [0.095, 0.905]", "0.667 [0.208, 0.939]"
+
+    assert [(one.end, one.converged) for one in (right, early, late)] == [(0, True), (1, True), (1, False)]
+    assert [part.strip() for part in line.split("|")[3:-1]] == [
+        *("3", two_thirds, half, half, half),
+        *("1.7", "0.375, 0.70", "1.00"),
+    ]
+    assert none in svi_rule.result_table([right, right]).splitlines()[-1]
+
+
+def test_a_looser_limit_ends_fits_earlier():
+    former, now, half = svi_rule.limits_table([ended([0.4, 0.1], [0.9, 0.05])]).splitlines()[2:]
+
+    assert "| 1.0 | 0.900, 0.90 | 2.00 |" in former
+    assert "| 2.0 | 0.050, 0.05 | 1.00 |" in now
+    assert "0.000 [0.000, 0.793]" in half

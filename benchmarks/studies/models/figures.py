@@ -90,6 +90,45 @@ def plot_ranks(axes: Axes, panel: RankPanel) -> Axes:
 _SPREAD = [TWELVE[i] for i in (4, 1, 3, 0, 5, 2, 8, 6, 9, 7, 10, 11)]  # neighbours far apart
 
 
+class RulePanel(NamedTuple):
+    """Ends of runs of variational fits.
+
+    Attributes:
+        title: Which data.
+        limit: Change that the rule allows, in nats per tap.
+        points: By the name of the model, change and gap of all fits after each run, shape (2, fits, runs).
+    """
+
+    title: str
+    limit: float
+    points: Mapping[str, NDArray[np.float64]]
+
+
+@styled
+def rule_figure(panels: Sequence[RulePanel]) -> Figure:
+    """What the rule looks at, and what is left to gain, a panel for each kind of data."""
+    figure, axes = new_figure(TWO_COLUMNS, 2.6, 1, len(panels), sharey=True)
+    for i, (panel, shown) in enumerate(zip(axes[0], panels, strict=True)):
+        plot_rule(panel, shown)
+        label_panel(panel, chr(ord("A") + i), shown.title)
+        panel.set_xlabel("change (nats per tap)")
+    axes[0, 0].set_ylabel("gap to the long fit (nats per tap)")
+    axes[0, -1].legend(loc="center left", bbox_to_anchor=(1, 0.5))
+    return figure
+
+
+def plot_rule(axes: Axes, panel: RulePanel) -> Axes:
+    """A dot for the end of every run, on logarithmic axes; gaps below a ten-thousandth are drawn there."""
+    least = 1e-4
+    for colour, (name, (change, gap)) in zip(_SPREAD, panel.points.items(), strict=False):
+        values = np.maximum(change, least).ravel(), np.maximum(gap, least).ravel()
+        axes.plot(*values, "o", color=colour, markersize=2, alpha=0.6, label=name)
+    axes.axvline(panel.limit, color=OTHERS, linewidth=0.6)
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    return axes
+
+
 class Gain(NamedTuple):
     """Differences of one score between a model in states and the same without.
 

@@ -355,10 +355,10 @@ def panels(results: Sequence[Ranks]) -> list[RankPanel]:
 
 def page(results: Sequence[Ranks], sizes: Sizes, repetitions: int, seed: int) -> str:
     """What the page says of the results."""
-    tests = 2 * sum(len(result.rank) for result in results)
+    (L, M, J, K), tests = sizes[:4], 2 * sum(len(result.rank) for result in results)
     how = "; ".join(f"`{result.study.name}`: {result.study.how}" for result in results)
     return (
-        f"{sizes.L} x {sizes.M} classes, {sizes.J} samples, {sizes.K} taxels, {sizes.repeats} taps per class; "
+        f"{L} x {M} classes, {J} samples, {K} taxel{'s' * (K > 1)}, {sizes.repeats} taps per class; "
         f"{repetitions} data sets for each model, {DRAWS} draws from each posterior, seed {seed}. "
         f"A quantity fails if either of its two p-values is below 0.05 divided by {tests}, the number of tests. "
         f"Posteriors: {how}.\n\n{result_table(results)}"
@@ -378,17 +378,19 @@ def main() -> None:
     report(results, sizes, options, "sbc", "calibration-of-fits")
 
 
-def report(results: Sequence[Ranks], sizes: Sizes, options: Namespace, block: str, figure: str, more: str = "") -> None:
-    """Prints and writes what is finished, and the page if all is; `more` is a last sentence."""
+def report(
+    results: Sequence[Ranks], sizes: Sizes, options: Namespace, block: str, figure: str, parts: Sequence[Ranks] = ()
+) -> None:
+    """Prints and writes what is finished, and the page if all is; `parts` are some of the data sets once more."""
     results = [result for result in results if result.rank]
     if not results:
         return
     write_json(block, [{"model": r.study.name, "rank": {k: v.tolist() for k, v in r.rank.items()}} for r in results])
-    text = "\n\n".join(filter(None, [page(results, sizes, options.repetitions, options.seed), more]))
+    text = page([*results, *parts], sizes, options.repetitions, options.seed)
     print(text)
     complete = all(len(rank) == options.repetitions for result in results for rank in result.rank.values())
     if options.document is not None and complete:
-        publish(rank_figure(panels(results)), options.document, figure)
+        publish(rank_figure(panels([*results, *parts])), options.document, figure)
         write_block(options.document, block, text)
 
 

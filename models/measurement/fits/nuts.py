@@ -48,12 +48,12 @@ class Chains(NamedTuple):
     """Chains of a generative model as compiled programs, for all its arguments of the same shapes.
 
     Attributes:
-        kernel: Their transitions.
+        begin: From keys of the chains, their steps of adaptation and arguments to the state of all chains.
         forward: From the state of all chains and arguments to the next state.
         finish: From unconstrained draws and arguments to sites.
     """
 
-    kernel: NUTS
+    begin: Callable[[Any, int, Any], Any]
     forward: Callable[[Any, Any], Any]
     finish: Callable[[Any, Any], Sites]
 
@@ -62,10 +62,14 @@ class Chains(NamedTuple):
         """Chains of a generative model."""
         kernel = NUTS(story)
 
+        def begin(keys: Any, warm_up: int, given: Any) -> Any:
+            return kernel.init(keys, warm_up, None, given, {})
+
         def finish(free: Any, given: Any) -> Any:
             return jax.lax.map(partial(jax.lax.map, kernel.postprocess_fn(given, {})), free)
 
-        return cls(kernel, jax.jit(lambda state, given: kernel.sample(state, given, {})), jax.jit(finish))
+        # Not compiled at the beginning, as NumPyro would not notice there that no value is possible.
+        return cls(begin, jax.jit(lambda state, given: kernel.sample(state, given, {})), jax.jit(finish))
 
     def posterior(
         self,
@@ -83,7 +87,7 @@ class Chains(NamedTuple):
         warm_up, advance = 2 * steps // 3, progress(f"{name}, steps of chains", steps)
         with jax.enable_x64(True):
             keys = jax.random.split(jax.random.key(derived_seed(seed, Purpose.CHAINS)), CHAINS)
-            state: Any = self.kernel.init(keys, warm_up, None, given, {})
+            state = self.begin(keys, warm_up, given)
             kept = []
             for number in range(steps):  # step by step, as no signal is handled while a compiled program runs
                 state = self.forward(state, given)

@@ -6,7 +6,6 @@ Hoffman and Gelman, JMLR 15 (2014) 1593 (NUTS); Kucukelbir et al., JMLR 18 (2017
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
-from math import prod
 from typing import Any, NamedTuple
 
 import jax
@@ -37,7 +36,7 @@ STARTS, TRIED, STEPS, RUNS = 3, 200, 800, 5
 """Of a variational fit: random starts, steps of each, then steps of a run from the best one, and runs at most."""
 _RATE, _WINDOW = 0.03, 100
 _AT_ONCE = 50  # steps of one call of the compiled program; TRIED and STEPS are multiples of it
-_STILL, _PER_SAMPLE = 0.5, 1e-3  # change between windows in nats per tap, and per sample, whichever allows more
+_STILL, _IN_ALL, _PER_SAMPLE = 0.1, 3.0, 1e-3  # change between windows in nats per tap, in all, and per sample
 _CENTRED = 200  # draws of a guide whose mean is taken
 _TRIES = 10  # draws from the prior at which a density is looked at
 _FAR = 10.0  # times by which a prior must miss the level or spread of the taps to be called far
@@ -267,7 +266,8 @@ def _singular(guide: AutoLaplaceApproximation, params: Any) -> bool:
 
 def largest_change(fit: Fit) -> float:
     """Change of the mean loss between two windows that counts as none, in nats per tap."""
-    return max(_STILL, _PER_SAMPLE * prod(fit.samples.shape[1:]))
+    N, J, K = fit.samples.shape
+    return max(_STILL, _IN_ALL / N, _PER_SAMPLE * J * K)
 
 
 def last_change(losses: NDArray[np.float64]) -> float:

@@ -450,6 +450,11 @@ def test_another_function_of_the_same_file_is_not_taken_for_the_fitted_one(in_fi
             load_model(tmp_path / "fit.nc", story)
 
 
+@pytest.mark.parametrize(("shape", "limit"), [((60, 5, 4), 0.1), ((12, 5, 4), 0.25), ((60, 50, 12), 0.6)])
+def test_few_taps_and_long_ones_may_change_more_between_windows(shape, limit):
+    assert fits.largest_change(fits.Fit(None, None, None, np.zeros(shape), 0)) == pytest.approx(limit)
+
+
 def test_the_best_start_goes_on_until_the_loss_is_still(taps, monkeypatch):
     """Of two starts the first is the better one at this seed; more runs follow only where the loss still changes.
 
@@ -462,7 +467,7 @@ def test_the_best_start_goes_on_until_the_loss_is_still(taps, monkeypatch):
         return bars[-1][1].append
 
     for starts, still in ((1, 0.0), (2, 1e9)):
-        for name, value in {"STARTS": starts, "_STILL": still, "_PER_SAMPLE": 0.0}.items():
+        for name, value in {"STARTS": starts, "_STILL": still, "_IN_ALL": 0.0, "_PER_SAMPLE": 0.0}.items():
             monkeypatch.setattr(fits, name, value)
         fit = quick(alike, taps, progress, method="svi", seed=1, steps=80)
         found.append((fit.convergence.converged, fit.convergence.stats["loss"]))
