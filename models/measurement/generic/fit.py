@@ -301,7 +301,7 @@ def _chains(fit: Fit) -> ChainPosterior:
 
 def _centre(fit: Fit, draws: dict[str, NDArray[np.float64]]) -> Parameters:
     """Mean of draws (n, ...) in unconstrained space, constrained."""
-    model = seed(fit.run, 0)
+    model = seed(fit.summed, 0)
 
     def loose(values: dict[str, Any]) -> Any:
         return unconstrain_fn(model, (fit.samples,), {}, values)

@@ -535,6 +535,21 @@ def test_all_fits_find_the_same_levels(taps, monkeypatch):
             np.testing.assert_allclose(np.std(draws, axis=0).mean(), (n + 1 / 9) ** -0.5, rtol=0.15, err_msg=name)
 
 
+@pytest.mark.slow
+def test_chains_sum_over_what_is_discrete(make_taps):
+    """Without a warning of NumPyro, which would fail the test, and have draws of the other variables alone."""
+
+    def two(where, what, taps=None, *, J, K):
+        low = numpyro.sample("low", dist.Normal(0.0, 3.0))
+        with numpyro.plate("tap", len(where), dim=-3), numpyro.plate("J", J, dim=-2), numpyro.plate("K", K, dim=-1):
+            upper = numpyro.sample("upper", dist.Bernoulli(0.5))
+            numpyro.sample("taps", dist.Normal(low + upper, 1.0), obs=taps)
+
+    fit = quick(two, make_taps(2, 1, 2, 1, sessions=1, repeats=2), method="nuts", steps=50)
+    assert list(fit.posterior.point()) == ["low"]
+    assert fit.convergence.stats["ess"] > 1
+
+
 def test_one_value_cannot_be_integrated_over(taps):
     with pytest.raises(InputError, match="map has one value and no draws"):
         quick(laplace, taps, integrate=3)
