@@ -63,6 +63,7 @@ interval-studies: $(VENV)/.ready-run
 results: $(VENV)/.ready-run
 	@$(PY) -m benchmarks.studies.results.reproduce --document docs/reference/results.md $(if $(RECORDED),--recorded "$(RECORDED)")
 	@$(PY) -m benchmarks.studies.results.compare --document docs/explanation/comparison.md $(if $(RECORDED),--recorded "$(RECORDED)")
+	@$(PY) -m benchmarks.studies.results.own_models --document docs/explanation/own-models.md $(if $(RECORDED),--recorded "$(RECORDED)")
 	@$(PY) -m benchmarks.studies.results.holes --document docs/reference/results.md $(if $(RECORDED),--recorded "$(RECORDED)")
 
 reference-studies: $(VENV)/.ready-run
