@@ -55,7 +55,7 @@ def integrated(posterior: CellPosterior, frame: Measure, unseen: Unseen, _: np.r
     level, strength, a, b = (array[own][:, 0].astype(np.float64) for array in posterior.cells)
     total = np.zeros(len(taps))
     for j in range(taps.shape[1]):
-        scale = np.sqrt(b / a * (1 + 1 / strength))
+        scale = np.sqrt(b / a * (1 + 1 / np.maximum(strength, 1.0)))  # only cells without a sample have less
         gap, there = samples[:, j] - level, ~np.isnan(taps[:, j])
         total += log_student_probability((below[:, j] + gap) / scale, (above[:, j] + gap) / scale, 2 * a).sum(axis=1)
         b = b + there * 0.5 * strength / (strength + 1) * gap**2

@@ -12,6 +12,7 @@ from scipy import stats
 from scipy.special import logsumexp
 from solidtouch.analysis.experiment.crosscheck import crosscheck_model
 from solidtouch.models.errors import InputError
+from solidtouch.models.measurement.draws import integrated
 from solidtouch.models.measurement.generic import fit as fits
 from solidtouch.models.measurement.likelihood.story_likelihood import log_likelihoods
 from solidtouch.models.measurement.registry import fit_model, model_name
@@ -158,9 +159,17 @@ def test_a_dead_taxel_leaves_the_model_of_the_others(name, taps, make_taps):
     dead = missing(taps, np.s_[..., K - 1])
     edges = np.linspace(taps.taps.min(), taps.taps.max(), B + 1)
     settings = SETTINGS.changed(edges=edges)
-    other, lacking, whole = (fit_model(name, each, each.grid(), settings).model for each in (alive, dead, taps))
+    fitted = [fit_model(name, each, each.grid(), settings) for each in (alive, dead, taps)]
+    (other, lacking, whole), own = (each.model for each in fitted), taps.indices(taps.grid())
     expected = other.log_likelihood(alive.taps)
+    scores = [
+        integrated(each, part.taps, own, np.random.default_rng(0))
+        for each, part in zip(fitted, (alive, dead, dead), strict=True)
+    ]
+    left_out = [each.leave_out(part).integrated for each, part in zip(fitted[:2], (alive, dead), strict=True)]
 
+    np.testing.assert_allclose(scores[1:], [scores[0]] * 2, rtol=1e-9)
+    np.testing.assert_allclose(left_out[1], left_out[0], rtol=1e-9)
     np.testing.assert_allclose(lacking.log_likelihood(dead.taps), expected, rtol=1e-9)
     np.testing.assert_allclose(whole.judging(dead).log_likelihood(dead.taps), expected, rtol=1e-9)
 
