@@ -108,7 +108,7 @@ help:
 	@echo "make check   check lint, format, types and import layers"
 	@echo "make format  fix lint and format"
 	@echo "make bench   time every task against baselines and limits, into docs/reference/performance.md; bench-quick is a trial"
-	@echo "make studies model recovery, calibration of fits and gain of session models, into docs/explanation/model-studies.md"
+	@echo "make studies model recovery, calibration and end of fits, gain of session models, into docs/explanation/model-studies.md"
 	@echo "make audit-studies  level and power of the audit, into docs/explanation/audit-studies.md"
 	@echo "make interval-studies  coverage of intervals and level of the verdict on beliefs, into docs/explanation/intervals.md; hours"
 	@echo "make results  results on simulated taps, with RECORDED=FOLDER also on recorded ones, into docs/"

@@ -381,7 +381,7 @@ def main() -> None:
 def report(
     results: Sequence[Ranks], sizes: Sizes, options: Namespace, block: str, figure: str, parts: Sequence[Ranks] = ()
 ) -> None:
-    """Prints and writes what is finished, and the page if all is; `parts` are some of the data sets once more."""
+    """Prints and writes what is finished, and the page if all is; `parts` are rows for some of the data sets."""
     results = [result for result in results if result.rank]
     if not results:
         return
@@ -390,7 +390,7 @@ def report(
     print(text)
     complete = all(len(rank) == options.repetitions for result in results for rank in result.rank.values())
     if options.document is not None and complete:
-        publish(rank_figure(panels([*results, *parts])), options.document, figure)
+        publish(rank_figure(panels(results)), options.document, figure)
         write_block(options.document, block, text)
 
 
