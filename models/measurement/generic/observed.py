@@ -5,7 +5,7 @@ bins of its components one after the other, each given the exact samples before 
 models. Any other distribution gives the density at the samples times the widths of their bins.
 
 Differences of distribution functions lose their digits far out, where both are nearly 0 or 1. Symmetric families are
-therefore mirrored to the side where they are small; others are integrated by quadrature there.
+therefore mirrored to the side where they are small; for others see `tails`.
 """
 
 from collections.abc import Callable
@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+import numpyro
 import numpyro.distributions as dist
 from jax.scipy.linalg import solve_triangular
 from jax.scipy.special import betainc, log_ndtr
@@ -23,11 +24,11 @@ from numpyro.primitives import Messenger
 from ..fits.present import peeled
 from ..likelihood.binned import bin_indices, bin_of
 from ..model import BINS
+from .tails import Support, log_integral, log_sum_of_integers
 
 DENSITY = "density"
 """Measure of a distribution that gives no probabilities to bins, but a density; the other is `BINS`."""
 _SMALL = 1e-9  # probability of a bin below which differences have too few digits
-_NODES = ((-(0.6**0.5), 5 / 18), (0.0, 4 / 9), (0.6**0.5, 5 / 18))  # Gauss and Legendre, on [-1, 1], weights sum to 1
 
 
 class Binned(NamedTuple):
@@ -150,7 +151,7 @@ class InBin(dist.Distribution):
 
 
 class _DensityOfBin(dist.Distribution):
-    """Density at the samples times the widths of their bins."""
+    """Density at the samples times the widths of their bins, of integers times how many of them a bin holds."""
 
     support = dist.constraints.real  # pyright: ignore
 
@@ -162,7 +163,11 @@ class _DensityOfBin(dist.Distribution):
 
     def log_prob(self, value: ArrayLike, intermediates: object = None) -> jax.Array:  # noqa: ARG002
         """Log density in bins instead of units."""
-        width, event = jnp.log(self._taps.width), tuple(range(-self._base.event_dim, 0))
+        _, lower, upper, width = self._taps
+        if self._base.is_discrete:
+            held = jnp.ceil(upper) - jnp.ceil(lower)
+            width = jnp.where(jnp.isfinite(held), held, jnp.maximum(jnp.round(width), 1.0))
+        width, event = jnp.log(width), tuple(range(-self._base.event_dim, 0))
         density = self._base.log_prob(self._taps.samples) + width.sum(event)
         return density if event else jnp.where(jnp.isnan(width), 0.0, density)
 
@@ -204,69 +209,20 @@ def _has_cdf(base: Any) -> bool:
 
 def _log_difference(base: Any, taps: Binned) -> jax.Array:
     """Log probability of bins under a distribution of independent samples."""
-    samples, lower, upper, _ = taps
-    support = _Support.of(base)
+    _, lower, upper, _ = taps
+    support = Support.of(base)
     if base.is_discrete:  # a bin holds the integers from its lower edge on, below its upper edge
         lower, upper = jnp.ceil(lower) - 1, jnp.ceil(upper) - 1
-        small = base.log_prob(support.inside(jnp.round(samples)))
-    else:
-        lower, upper = jnp.maximum(lower, support.low), jnp.minimum(upper, support.high)
-        small = _log_integral(base, support, samples, lower, upper)
+    lower, upper = jnp.maximum(lower, support.low), jnp.minimum(upper, support.high)
     probability = support.cdf(base, upper) - support.cdf(base, lower)
-    enough = probability > _SMALL
+    enough, possible = probability > _SMALL, upper > lower
+    improbable = log_sum_of_integers if base.is_discrete else log_integral
+    # Bins that hold nothing are given the middle of the support, so that no number is NaN.
+    within = jnp.where(possible, lower, support.middle - 1), jnp.where(possible, upper, support.middle)
+    with numpyro.validation_enabled(False):  # which refuses values between integers
+        small = improbable(base, support, *within)
     log_probability = jnp.where(enough, jnp.log(jnp.where(enough, probability, 1.0)), small)
-    possible = (upper > lower) & (upper > support.low) & (lower < support.high)
     return jnp.where(possible, log_probability, -jnp.inf)
-
-
-class _Support(NamedTuple):
-    """Where a distribution function rises.
-
-    Attributes:
-        low: Where it is 0; of integers one below the lowest.
-        high: Where it is 1.
-        middle: A value in between.
-    """
-
-    low: jax.Array
-    high: jax.Array
-    middle: jax.Array
-
-    @classmethod
-    def of(cls, base: Any) -> "_Support":
-        """Support of a distribution."""
-        low, high = (getattr(base.support, name, None) for name in ("lower_bound", "upper_bound"))
-        low = jnp.asarray(-jnp.inf if low is None else low - 1.0 if base.is_discrete else low)
-        high = jnp.asarray(jnp.inf if high is None else high)
-        step = 1.0 if base.is_discrete else 0.5 * jnp.minimum(high - low, 2.0)
-        return cls(low, high, jnp.where(jnp.isfinite(low), low + step, jnp.where(jnp.isfinite(high), high - step, 0.0)))
-
-    def inside(self, at: jax.Array) -> jax.Array:
-        """Values, and the middle in the place of those outside of the support."""
-        return jnp.where((at > self.low) & (at < self.high), at, self.middle)
-
-    def cdf(self, base: Any, at: jax.Array) -> jax.Array:
-        """Distribution function, also outside of the support and at infinity."""
-        within = (at > self.low) & (at < self.high)
-        return jnp.where(within, base.cdf(self.inside(at)), jnp.where(at >= self.high, 1.0, 0.0))
-
-
-def _log_integral(base: Any, support: _Support, samples: jax.Array, lower: jax.Array, upper: jax.Array) -> jax.Array:
-    """Log probability of improbable bins.
-
-    Closed ones by quadrature, open ones by the slope of the log density at their edge.
-    """
-    first, last = jnp.isneginf(lower), jnp.isposinf(upper)
-    low, high = jnp.where(first, samples - 1.0, lower), jnp.where(last, samples + 1.0, upper)
-    middle, half = 0.5 * (low + high), 0.5 * jnp.abs(high - low)
-    nodes = [(support.inside(middle + half * node), weight) for node, weight in _NODES]
-    parts = jnp.stack([base.log_prob(at) + jnp.log(weight) for at, weight in nodes])
-    inner = jax.nn.logsumexp(parts, axis=0) + jnp.log(jnp.where(half > 0, 2 * half, 1.0))
-    edge = support.inside(jnp.where(first, upper, lower))
-    density, slope = jax.jvp(base.log_prob, (edge,), (jnp.ones_like(edge),))
-    falling = jnp.where(first, slope, -slope)
-    tail = density - jnp.log(jnp.where(falling > 0, falling, 1.0))
-    return jnp.where((first | last) & (falling > 0), tail, inner)
 
 
 _GAUSSIAN = (dist.MultivariateNormal, dist.MatrixNormal, dist.GaussianRandomWalk)

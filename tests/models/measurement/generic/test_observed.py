@@ -1,5 +1,7 @@
 """Probabilities that any distribution gives to bins."""
 
+import itertools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -98,6 +100,60 @@ def test_bins_far_out_keep_their_digits(name, side):
         np.testing.assert_allclose(found[inner], a + np.log(-np.expm1(b - a)), rtol=3e-5)
     outer, expected = (found[-1], log_sf[-2]) if side else (found[0], log_cdf[1])
     np.testing.assert_allclose(outer, expected, rtol=2e-3, atol=0.03)
+
+
+WIDE = {
+    "Poisson": (dist.Poisson(10.0), stats.poisson(10.0), np.linspace(0.0, 126.0, 11), 1e-6),
+    "many integers": (dist.Poisson(2000.0), stats.poisson(2000.0), np.linspace(0.0, 4000.0, 41), 1e-4),
+    "negative binomial": (
+        dist.NegativeBinomial2(23.0, 48.0),
+        stats.nbinom(48, 48 / 71),
+        np.linspace(0.0, 200.0, 21),
+        1e-5,
+    ),
+    "Gamma": (dist.Gamma(3.0, 1.0), stats.gamma(3.0), np.linspace(-5.0, 300.0, 11), 1e-4),
+    "Gumbel": (dist.Gumbel(0.0, 0.3), stats.gumbel_r(0.0, 0.3), np.linspace(-3.0, 60.0, 11), 1e-6),
+    "Weibull": (dist.Weibull(1.0, 2.0), stats.weibull_min(2.0), np.linspace(0.0, 30.0, 11), 1e-3),
+    "Beta": (dist.Beta(80.0, 90.0), stats.beta(80.0, 90.0), np.linspace(0.0, 1.0, 11), 1e-3),
+    "LogNormal": (dist.LogNormal(0.0, 0.5), stats.lognorm(0.5), np.linspace(0.0, 300.0, 11), 1e-2),
+}
+"""Distributions that fall by many powers of ten within a bin: with SciPy's, edges and the error allowed in nats."""
+
+
+@pytest.mark.parametrize("name", WIDE)
+def test_improbable_bins_that_are_wide_keep_their_digits(name):
+    """All bins of all samples, down to those of probability e^-700, by SciPy's logs or sums over integers."""
+    distribution, scipy, edges, allowed = WIDE[name]
+    if distribution.is_discrete:
+        first = np.ceil(np.append(edges[:-1], edges[-1] + 4000)).astype(int)
+        expected = [np.logaddexp.reduce(scipy.logpmf(np.arange(*ends))) for ends in itertools.pairwise(first)]
+    else:
+        opened = np.concatenate([[-np.inf], edges[1:-1], [np.inf]])
+        below, above = scipy.logcdf(opened), scipy.logsf(opened)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            left, right = (
+                below[1:] + np.log(-np.expm1(below[:-1] - below[1:])),
+                above[:-1] + np.log(-np.expm1(above[1:] - above[:-1])),
+            )
+        expected = np.where(below[1:] > above[:-1], right, left)
+    found = log_probability(distribution, every_bin(edges))
+    far = np.asarray(expected) < -20.0
+
+    assert far.any()
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=allowed)
+
+
+def test_integers_without_a_distribution_function_count_once_in_any_bin():
+    """A bin of one integer has its probability, however narrow it is; one of several that of the sample for each."""
+    counts = dist.ZeroInflatedPoisson(0.3, 4.0)
+    narrow, wide = np.linspace(-0.25, 10.25, 22), np.linspace(-0.5, 10.5, 4)
+    samples = np.arange(1.0, 10.0)[None, :, None]
+    one, several = (judged(counts, held_in(samples, edges))[0, :, 0] for edges in (narrow, wide))
+    expected = np.log(0.7) + stats.poisson(4.0).logpmf(samples[0, :, 0])
+
+    assert measure_of(counts) == DENSITY
+    np.testing.assert_allclose(one, expected, rtol=1e-9)
+    np.testing.assert_allclose(several[3:6], expected[3:6] + np.log(3.0), rtol=1e-9)
 
 
 def test_what_the_support_excludes_is_impossible():
