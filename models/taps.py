@@ -504,7 +504,19 @@ def _check_finite(name: str, values: NDArray[Any], may_miss: bool = False) -> No
     bad = np.argwhere(np.isinf(values) if may_miss else ~np.isfinite(values))
     if len(bad):
         place = ", ".join(str(int(i)) for i in bad[0])
-        raise InputError(f"{name}[{place}] is {values[tuple(bad[0])]}; NaN and infinite values are not accepted.")
+        value = values[tuple(bad[0])]
+        raise InputError(f"{name}[{place}] is {value}; {not_finite(value, sample=name == 'taps')}")
+
+
+def not_finite(value: float, sample: bool) -> str:
+    """Says that a value is refused, and how samples that are NaN can be left out."""
+    told = "NaN and infinite values are not accepted"
+    if not sample or not np.isnan(value):
+        return f"{told}."
+    return (
+        f"{told}. fit, compare, crosscheck, reproduce, trials, tune and perceive leave out samples that are NaN with "
+        '--missing drop (missing="drop").'
+    )
 
 
 def _check_labels(name: str, values: NDArray[Any], size: int) -> None:

@@ -410,7 +410,7 @@ def _remedies(summary: Row) -> Table:
         "taps",
         "stopped",
         "factor",
-        "significant",
+        "significantly better",
         "still assumes",
     ]
     rows = [

@@ -94,6 +94,8 @@ def findings(levels: Sequence[Criterion], reference: str) -> list[str]:
     """
     sentences = []
     for level in levels:
+        if len(level.values) == 1 < max(len(other.values) for other in levels):
+            continue  # no other model has a value
         best = level.best[0]
         equal = f" (equally good: {', '.join(level.best[1:])})" if len(level.best) > 1 else ""
         sentence = f"{best} {level.said}: {_value(level, best)}{equal}"

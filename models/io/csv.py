@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..settings import Missing
+from ..taps import not_finite
 from .recording import Labels, Recording, naming
 
 NUMBERS = ("tap", "where", "session", "trial", "time_s", "what_value")
@@ -143,7 +144,7 @@ def _check_finite(table: NDArray[np.float64], lines: NDArray[np.int64], names: S
         row, column = bad[0]
         raise InputError(
             f"line {lines[row]}, column {names[column]}: {table[row, column]}; "
-            "NaN and infinite values are not accepted."
+            f"{not_finite(table[row, column], sample=names[column] not in NUMBERS)}"
         )
 
 

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InputError
 from ..preprocessing import Preprocessing
 from ..settings import Missing
-from ..taps import TapSet
+from ..taps import TapSet, not_finite
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,5 +127,6 @@ def as_samples(name: str, values: NDArray[Any], missing: Missing = "refuse") -> 
     bad = np.argwhere(np.isinf(values) if missing == "drop" else ~np.isfinite(values))
     if len(bad):
         place = ", ".join(str(int(i)) for i in bad[0])
-        raise InputError(f"{name}[{place}] is {values[tuple(bad[0])]}; NaN and infinite values are not accepted.")
+        value = values[tuple(bad[0])]
+        raise InputError(f"{name}[{place}] is {value}; {not_finite(value, sample=True)}")
     return values

@@ -6,13 +6,12 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from .fits.priors import Taps
 
+_CAN = "histogram, gaussian, student, profile and functions with independent samples can."
+
 
 def dependent(name: str) -> str:
-    """Says that a model cannot leave out samples."""
-    return (
-        f"Samples are missing, and {name} cannot leave them out, because its samples depend on each other; "
-        "histogram, gaussian, student, profile and functions with independent samples can."
-    )
+    """Says that a likelihood cannot leave out samples."""
+    return f"Samples are missing, and {name} cannot leave them out, because its samples depend on each other; {_CAN}"
 
 
 def refuse_missing(name: str, samples: NDArray[np.floating]) -> None:
@@ -22,7 +21,7 @@ def refuse_missing(name: str, samples: NDArray[np.floating]) -> None:
         InputError: One is missing.
     """
     if np.isnan(samples).any():
-        raise InputError(dependent(name))
+        raise InputError(f"Samples are missing, and {name} cannot be fitted without them; {_CAN}")
 
 
 def refuse_empty(name: str, taps: Taps, by_time: bool) -> None:

@@ -170,7 +170,9 @@ def fit_model(
     if not (fitted.convergence.converged or settings.unconverged):
         told = f"{fitted.convergence.sentence} {fitted.convergence.warning}".rstrip()
         more = " Allow more steps with --steps (steps=)." if takes_steps(kind, settings) else ""
-        raise NotConvergedError(f"{name} did not converge: {told}{more} Use it anyway with --allow-unconverged.")
+        raise NotConvergedError(
+            f"{name} did not converge: {told}{more} Use it anyway with --allow-unconverged (unconverged=True)."
+        )
     fitted = fitted._replace(model=fitted.model.with_missing(taps.missing))
     if settings.integrate:
         fitted = fitted.integrated(settings.integrate, settings.seed)

@@ -123,7 +123,7 @@ def test_a_fit_that_did_not_converge_needs_consent(command, tmp_path, taps_file,
 
     assert (refused.code, allowed.code, written) == (2, 0, False)
     assert "matrix-normal did not converge" in refused.err
-    assert "Use it anyway with --allow-unconverged." in refused.err
+    assert "Use it anyway with --allow-unconverged (unconverged=True)." in refused.err
     assert "Warning: the fit did not converge." in allowed.out
     with xr.open_datatree(tmp_path / "model.nc", engine="h5netcdf") as tree:
         assert tree.attrs["converged"] == "False"

@@ -64,7 +64,7 @@ def test_an_audit_takes_no_taps_with_missing_samples(files):
 
 def test_a_model_of_dependent_samples_is_named(command, files, tmp_path):
     words = "fit", files[0], "--missing", "drop", "--bins", 9, "--out", tmp_path / "model.nc"
-    assert "profile-mvn cannot leave them out" in command(*words, "--model", "profile-mvn").err
+    assert "profile-mvn cannot be fitted without them" in command(*words, "--model", "profile-mvn").err
     assert "leave out --arviz" in command(*words, "--arviz").err
 
 
@@ -75,6 +75,6 @@ def test_models_are_compared_on_the_samples_that_are_there(command, files, tmp_p
     done = command("compare", *files, *models, "--bins", 9, "--missing", "drop", "--out", tmp_path / "compared")
 
     assert done.code == 0
-    assert "profile-mvn cannot leave them out" in " ".join(done.out.split())
+    assert "profile-mvn cannot be fitted without them" in " ".join(done.out.split())
     assert "Predictive checks are left out" in " ".join(done.out.split())
     assert not re.search(r"\bnan\b", done.out.lower())

@@ -177,8 +177,9 @@ def _observed(story: StoryFunction, sites: dict[str, Any], sizes: tuple[int, int
     site = sites.get(OBSERVED)
     if site is None or site["type"] != "sample" or not site["is_observed"]:
         names = ", ".join(name for name, s in sites.items() if s["type"] == "sample") or "none"
+        there = f"; its site {OBSERVED!r} is not observed" if site is not None and site["type"] == "sample" else ""
         raise InputError(
-            f"{story.name} must observe the samples at a site {OBSERVED!r} with obs=taps; its sites: {names}."
+            f"{story.name} must observe the samples at a site {OBSERVED!r} with obs=taps{there}; its sites: {names}."
         )
     _, _, J, K = sizes
     shape = tuple(site["fn"].batch_shape) + tuple(site["fn"].event_shape)

@@ -309,7 +309,7 @@ def test_chains_and_variational_fits_of_built_in_models_leave_out_samples(random
 @pytest.mark.parametrize("name", ["profile-ar", "profile-mvn", "matrix-normal", "smooth", walk, forecast])
 def test_a_model_of_dependent_samples_refuses_to_learn(name, random_holes):
     told = name if isinstance(name, str) else name.__name__
-    with pytest.raises(InputError, match=f"missing, and {told} cannot leave them out"):
+    with pytest.raises(InputError, match=f"missing, and {told} cannot be fitted without them"):
         fit_model(model_name(name), random_holes, random_holes.grid(), SETTINGS)
 
 

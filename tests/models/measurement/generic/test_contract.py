@@ -227,6 +227,7 @@ flat = dist.ImproperUniform(dist.constraints.real, (), ())
     ("story", "message"),
     [
         (taps_only("NJK", site="samples"), "site 'taps' with obs=taps; its sites: samples"),
+        (taps_only("NJK", obs=lambda _: None), "its site 'taps' is not observed"),
         (taps_only("N1K", obs=lambda taps: taps[:, :1]), r"has shape \(2, 1, 4\) for 2 taps, expected \(2, 5, 4\)"),
         (taps_only("NJK"), "has no latent variable to fit"),
         (taps_only("NJK", obs=lambda taps: taps**2), "must observe taps themselves"),
