@@ -508,7 +508,7 @@ def _check_finite(name: str, values: NDArray[Any], may_miss: bool = False) -> No
         raise InputError(f"{name}[{place}] is {value}; {not_finite(value, sample=name == 'taps')}")
 
 
-def not_finite(value: float, sample: bool) -> str:
+def not_finite(value: Any, sample: bool) -> str:
     """Says that a value is refused, and how samples that are NaN can be left out."""
     told = "NaN and infinite values are not accepted"
     if not sample or not np.isnan(value):
