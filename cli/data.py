@@ -106,7 +106,8 @@ def convert(
     )
     labelled.save(target, force)
     n, j, k = labelled.taps.shape
-    typer.echo(f"{target}: {n} taps of {j} samples from {k} taxels.")
+    taps = f"{n} tap{'s' * (n != 1)} of {j} sample{'s' * (j != 1)}"
+    typer.echo(f"{target}: {taps} from {k} taxel{'s' * (k != 1)}.")
 
 
 def _taps(path: Path, cutting: dict[str, Any] | None, rate_hz: float | None) -> "TapSet":

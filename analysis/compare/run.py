@@ -285,7 +285,7 @@ def _refit(
         try:
             refitted[name] = fit_model(name, fold.train, grid, suited(name, fit))
         except InputError as error:
-            failed.setdefault(name, str(error))
+            failed.setdefault(name, f"without {fold.name}, {error}")
     if not refitted:
         raise InputError(f"No model can be fitted without {fold.name}.")
     return refitted

@@ -135,7 +135,8 @@ def _traced(story: StoryFunction, batch: StoryCall, n: int) -> _Traced:
             program = jax.make_jaxpr(observed)(probe, batch.where, batch.what).jaxpr
             checked = checkify.checkify(lambda *made: observed(*made)[0], checkify.index_checks)
             wrong, value = jax.jit(checked)(probe, batch.where, batch.what)
-            wrong.throw()
+            if beyond := wrong.get_exception():
+                raise beyond.with_traceback(beyond.traceback_info.as_python_traceback())
     except InputError:
         raise
     except Exception as error:  # whatever a user's function raises
@@ -169,7 +170,10 @@ def told_in(story: StoryFunction, error: Exception) -> str:
         return f"{place}: NumPy cannot compute with values that JAX traces; use jax.numpy, also for arrays to index."
     if isinstance(error, errors.ConcretizationTypeError | errors.NonConcreteBooleanIndexError):
         return f"{place}: a condition, size or number depends on values that JAX traces; use jnp.where or the like."
-    return f"{place}: {type(error).__name__}: {(str(error).splitlines() or [''])[0]}"
+    said = (str(error).splitlines() or [""])[0].strip()
+    if "Incompatible shapes" in said:
+        said += "; parameters of (tap, taxel) need an axis for samples, as in loc[where, what][:, None]"
+    return f"{place}: {type(error).__name__}: {said}"
 
 
 def _observed(story: StoryFunction, sites: dict[str, Any], sizes: tuple[int, int, int, int], n: int) -> dict[str, Any]:

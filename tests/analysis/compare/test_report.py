@@ -93,6 +93,6 @@ def test_a_model_that_fails_without_a_group_is_named_in_the_warnings(make_taps):
     report = compare(taps.select(first), taps.select(~first), models=["gaussian", "smooth"], folds=2, **few)
     (told,) = [text for text in report.summary["warnings"] if text.startswith("smooth has no value")]
 
-    assert "smooth has no value for left-out positions: " in told
+    assert "smooth has no value for left-out positions: without position " in told
     assert "three positions" in told or "3 positions" in told
     assert "gaussian has no value" not in repr(report.summary["warnings"])
