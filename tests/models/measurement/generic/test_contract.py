@@ -245,7 +245,7 @@ flat = dist.ImproperUniform(dist.constraints.real, (), ())
         (draws_nothing, r"with taps=None must draw taps of shape \(2, 5, 4\)"),
         (centred(lambda _, own: np.exp(own)), "of its file: NumPy cannot compute with values that JAX traces"),
         (centred(lambda where, _: np.arange(L)[where][:, None, None]), "use jax.numpy, also for arrays to index"),
-        (centred(lambda where, _: jnp.zeros(L - 1)[where][:, None, None]), r"line \d+ of its file: .*index 2 is out of bounds"),
+        (centred(lambda where, _: jnp.zeros(L - 1)[where][:, None, None]), r"line \d+ .*: index 2 is out of bounds"),
         (centred(lambda where, _: jnp.zeros((L, K))[where]), r"need an axis for samples, as in loc\[where, what\]"),
         (centred(lambda _, own: 0.0 if own > 0 else 1.0), "a condition, size or number depends on values that JAX"),
         (centred(lambda where, own: (own + where)[where > 0]), "use jnp.where or the like"),
