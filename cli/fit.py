@@ -1,5 +1,6 @@
 """`solidtouch fit`: a measurement model from training taps."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,9 +15,10 @@ from .shared.progress import bars
 if TYPE_CHECKING:
     import xarray as xr
 
-    from ..models.measurement.model import Fitted
+    from ..models.measurement.model import Fitted, TapModel
     from ..models.taps import TapSet
 
+_CHAIN_DRAWS = 25
 _GainSd = Annotated[
     float | None,
     Option(
@@ -43,8 +45,13 @@ def fit(
         Fields(*FITTING, "saturation", "unconverged", gain_sd=_GainSd, offset_sd=_OffsetSd),
     ] = FitSettings(),
     draws: Annotated[
-        int, Option(min=0, help="Posterior draws to store for ArviZ, in each of 4 chains; 0 stores none.")
-    ] = 25,
+        int | None,
+        Option(
+            min=0,
+            help="Posterior draws to store, in each of 4 chains. Default: 25 with --arviz and for fits whose draws "
+            "cannot be made later; none for posteriors in closed form, which the file keeps.",
+        ),
+    ] = None,
     arviz: Annotated[
         bool,
         Option(
@@ -80,7 +87,7 @@ def fit(
         from ..models.splits import load_experiment
 
     check_used(model, settings)
-    if arviz and not draws:
+    if arviz and draws == 0:
         raise InputError("--arviz requires draws; --draws must be at least 1.")
     if simulations:
         if learned_taps(settings.power) is None:
@@ -97,10 +104,10 @@ def fit(
     trained_on = f"{', '.join(path.name for path in data)}: {parts.description}"
     with bars() as progress:
         fitted, learned = fit_tempered(model, fold.train, grid, settings, trained_on, progress)
-    kept = _draws(fitted, fold.train, draws, seed, arviz)
+    written, kept = _written(fitted, fold.train, draws, arviz)
     beside = "" if learned is None else _beside(model, fitted, fold.train, settings, learned.taps, simulations)
-    save_model(fitted.model.with_scores(fold.train), out, force, kept, fitted.convergence)
-    left_out = [*dropped, *fitted.model.left_out]
+    save_model(written, out, force, kept, fitted.convergence)
+    left_out = [*dropped, *written.left_out]
     print(parts.description)
     if parts.warning:
         print(f"Warning: {parts.warning}")
@@ -111,7 +118,7 @@ def fit(
         print("Warning: the fit did not converge.")
     if fitted.convergence.warning:
         print(f"Warning: {fitted.convergence.warning}")
-    if draws and kept is None:
+    if fitted.posterior is None and draws != 0:
         print("Note: without a pseudocount the posterior is improper, so no draws are stored.")
     print(f"{grid.L} x {grid.M} (position, object) classes from {len(fold.train)} taps, in {out}")
     for sentence in one_object(grid, range(grid.M)):
@@ -131,19 +138,21 @@ def _beside(model: str, fitted: "Fitted", taps: "TapSet", settings: "FitSettings
         return learned_beside(model, fitted.model, taps, settings, n, simulations, counted).sentence
 
 
-def _draws(fitted: "Fitted", taps: "TapSet", draws: int, seed: int, arviz: bool) -> "dict[str, xr.Dataset] | None":
-    """Groups of draws from the posterior, or `None` if it has none."""
+def _written(
+    fitted: "Fitted", taps: "TapSet", draws: int | None, arviz: bool
+) -> "tuple[TapModel, dict[str, xr.Dataset] | None]":
+    """Model with all that its file keeps, and groups of draws from its posterior if there are any."""
+    scored: Any = fitted.model.with_scores(taps)  # every kind is a dataclass
+    model: TapModel = replace(scored, posterior=fitted.posterior)
+    if draws is None:
+        draws = _CHAIN_DRAWS if arviz or not model.keeps_posterior else 0
     if not draws or fitted.posterior is None:
-        return None
+        return model, None
     with loading():
-        from dataclasses import replace
-
         from ..models.io.arviz_tree import arviz_groups, draw_groups
         from ..models.measurement.draws import CHAINS, posterior_draws
     with bars() as progress:
         counted = progress("Drawing parameters", CHAINS * draws)
         if arviz:
-            model: Any = fitted.model  # every kind is a dataclass
-            model = replace(model, posterior=fitted.posterior)
-            return arviz_groups(model, taps, draws=CHAINS * draws, seed=seed, progress=counted)
-        return draw_groups(fitted, taps, posterior_draws(fitted, taps, CHAINS, draws, seed, counted))
+            return model, arviz_groups(model, taps, draws=CHAINS * draws, seed=model.seed, progress=counted)
+        return model, draw_groups(fitted, taps, posterior_draws(fitted, taps, CHAINS, draws, model.seed, counted))

@@ -29,7 +29,7 @@ def fit(
 ) -> TapModel:
     """Measurement model fitted to training taps.
 
-    It keeps its posterior, from which `to_arviz` draws; files of models do not.
+    It keeps its posterior, from which `to_arviz` draws; files keep it where it has a closed form.
 
     >>> import solidtouch as st
     >>> st.fit(st.simulate("paper", seed=4), bins=50, power="JK")

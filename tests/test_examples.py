@@ -107,7 +107,7 @@ def test_the_file_of_a_model_is_compared_by_arviz(run, tmp_path, monkeypatch, ma
     """After the command that the page names; models that are wrong make ArviZ warn."""
     (block,) = blocks("docs/reference/models.md")
     make_taps().save(tmp_path / "taps.nc")
-    words = ["fit", "taps.nc", "--split", "parity", "--out", "model.nc", "--model", "gaussian"]
+    words = ["fit", "taps.nc", "--split", "parity", "--out", "model.nc", "--model", "gaussian", "--draws", "250"]
     monkeypatch.setattr(sys, "argv", ["solidtouch", *words])
     with pytest.raises(SystemExit, match="0"):
         run_command()

@@ -51,7 +51,7 @@ def to_arviz(
     statistic: Statistic = "mean",
     var_names: Sequence[str] | None = None,
     coords: Mapping[str, Any] | None = None,
-    seed: int = 0,
+    seed: int | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> xr.DataTree:
     """A model of `fit` as a tree for ArviZ; docs/how-to/arviz.md lists what can be done with it.
@@ -65,14 +65,14 @@ def to_arviz(
     {'chain': 1, 'draw': 2, 'tap': 1600}
 
     Args:
-        model: The model, fitted in this process.
+        model: The model; from a file, one whose posterior has a closed form.
         taps: Its training taps or some of them, as given to `fit`; those outside its classes are left out.
         draws: How many of parameters and of predicted taps; of Markov chains, how many at most.
         statistic: What is predicted and observed of a tap.
         var_names: Names of the parameters to keep; default all.
         coords: Labels of the parameters to keep by dimension, such as `{"what": ["6 mm rod"], "taxel": [0, 3]}`;
             default all.
-        seed: Random seed.
+        seed: Random seed; default that of the fit.
         progress: Called with the number of draws since the last call.
 
     Raises:
@@ -87,7 +87,7 @@ def to_arviz(
         statistic=statistic,
         var_names=var_names,
         coords=coords,
-        seed=seed,
+        seed=model.seed if seed is None else seed,
         progress=progress,
     )
     tree = xr.DataTree.from_dict(groups)
@@ -110,8 +110,8 @@ def arviz_groups(
     check_count(draws, "draws", 1)
     if model.posterior is None:
         raise InputError(
-            f"This {model.name} model has no posterior: it comes from a file, or its prior is improper. Fit it again, "
-            "or store draws with it by solidtouch fit --arviz."
+            f"This {model.name} model has no posterior: its prior is improper, or it comes from a file that keeps "
+            "none. Fit it again, or store draws with it by solidtouch fit --arviz."
         )
     _check_dims(model, coords)
     used = model.usable(taps)

@@ -7,7 +7,9 @@ root                   attributes: ``kind``, ``format``, settings, class grid, h
 ``constant_data``      bin edges, training data needed by the model, states, digests of the taps
 ``parameters``         parameters for decisions (not for the histogram, whose counts are data)
 ``posterior``          draws of the parameters, dims (chain, draw, ...), if requested; see `arviz_tree`
-``integrated``         parameters over which decisions are integrated, dims (integrated, ...), if requested
+``closed_form``        posterior in closed form; that of the histogram is its counts. Draws are made when asked for
+``integrated``         parameters over which decisions are integrated, dims (integrated, ...), if requested and there
+                       is no posterior in closed form to draw them from
 ``sample_stats``       convergence statistics of the fit
 ``log_likelihood``     ``taps``: of each training tap under its own class at power 1, dims (chain, draw, tap)
 further groups         ``prior``, ``log_prior``, ``posterior_predictive`` and ``observed_data``, if requested
@@ -20,6 +22,7 @@ then is unlimited.
 import json
 import os
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -29,9 +32,10 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..grid import ClassGrid
-from ..measurement.fits.posterior import Convergence
+from ..measurement.fits.closed_form import GROUP
+from ..measurement.fits.posterior import EXACT, Convergence
 from ..measurement.generic.opened import StoryError, read_generic
-from ..measurement.model import FORMAT, TapModel
+from ..measurement.model import FORMAT, Fitted, TapModel
 from ..measurement.novelty import NoveltyScores
 from ..measurement.registry import KINDS, PAPER, measurement_model
 from ..measurement.states import ONE_STATE, States
@@ -104,9 +108,9 @@ def load_model(
         raise InputError(f"A model is a fitted model or the path of its file, got {type(path).__name__}.")
     if Path(path).suffix.lower() == ".json":
         return load_exported(path).with_missing(missing)
-    attributes, data, parameters, draws = _read(Path(path))
+    groups = _read(Path(path))
     try:
-        model = _model(attributes, data, parameters, draws, story)
+        model = _model(groups, story)
     except KeyError as error:
         raise InputError(f"{path}: damaged: missing {error}.") from error
     except StoryError as error:
@@ -127,16 +131,16 @@ def model_of(source: ModelSource, missing: Missing = "refuse") -> TapModel:
     return load_model(source, missing=missing)
 
 
-def _read(path: Path) -> tuple[dict[str, Any], xr.Dataset, xr.Dataset, xr.Dataset]:
-    """Attributes, constant data, parameters, and those integrated over; other draws are left on disk."""
-    root, data, parameters, draws = read_groups(path, ("/", "constant_data", "parameters", "integrated")).values()
-    attributes = dict(root.attrs)
+def _read(path: Path) -> dict[str, xr.Dataset]:
+    """Groups of a file by name; draws that do not decide are left on disk."""
+    groups = read_groups(path, ("/", "constant_data", "parameters", GROUP, "integrated"))
+    attributes = groups["/"].attrs
     version = attributes.get("format")
     if attributes.get("kind") == PAPER and version == _FIRST_FORMAT:
-        return attributes, root, parameters, draws
+        return groups | {"constant_data": groups["/"]}
     if (attributes.get("kind") not in KINDS and "digest" not in attributes) or version != FORMAT:
         raise InputError(f"{path}: not a fitted model of format {FORMAT} or {_FIRST_FORMAT}.")
-    return attributes, data, parameters, draws
+    return groups
 
 
 def _draws(draws: xr.Dataset) -> tuple[dict[str, NDArray[np.float64]], ...]:
@@ -149,13 +153,8 @@ def _draws(draws: xr.Dataset) -> tuple[dict[str, NDArray[np.float64]], ...]:
     )
 
 
-def _model(
-    attributes: dict[str, Any],
-    data: xr.Dataset,
-    parameters: xr.Dataset,
-    draws: xr.Dataset,
-    story: Callable[..., Any] | str | None,
-) -> TapModel:
+def _model(groups: Mapping[str, xr.Dataset], story: Callable[..., Any] | str | None) -> TapModel:
+    attributes, data, parameters = groups["/"].attrs, groups["constant_data"], groups["parameters"]
     grid = ClassGrid.from_dict(json.loads(attributes["grid"]))
     common: dict[str, Any] = {
         "grid": grid,
@@ -169,12 +168,19 @@ def _model(
         "novelty": _novelty(data),
         "training": data["training"].values if "training" in data else np.empty(0, np.uint64),
         "states": _states(data),
-        "draws": _draws(draws),
+        "draws": _draws(groups["integrated"]),
+        "posterior": groups[GROUP],
+        "seed": int(attributes.get("seed", 0)),
     }
     if attributes["kind"] in KINDS:
         model = measurement_model(attributes["kind"]).read(attributes, data, parameters, common)
     else:
-        model = read_generic(attributes, data, parameters, common, story)
+        model = read_generic(attributes, data, parameters, common | {"posterior": None}, story)
+    if "integrate" in attributes:
+        model = Fitted(model, model.posterior, EXACT).integrated(int(attributes["integrate"]), model.seed).model
+    elif model.draws:  # from older versions, whose seed is not known
+        without: Any = model  # every kind is a dataclass
+        model = replace(without, posterior=None)
     if not (np.diff(model.edges) > 0).all():
         raise ValueError("edges do not increase.")
     return model

@@ -83,4 +83,5 @@ MODEL = Story(
     integrated=integrated,
     leave_out=leave_out,
     independent=True,
+    kept=CellPosterior,
 )

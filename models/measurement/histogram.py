@@ -128,12 +128,12 @@ class HistogramModel(TapModel):
 
     def leave_out(self, posterior: "HistogramPosterior", taps: NDArray[np.floating], own: Own) -> LeftOut:
         """Left-out training taps by subtraction of their counts, also at the mean of the posterior."""
-        K, B = posterior.concentration.shape[2:]
-        bins = find_bins(taps, self.edges)
+        K, B = posterior.counts.shape[2:]
+        bins, concentration = find_bins(taps, self.edges), posterior.concentration
         integrated, plug_in = np.empty(len(taps)), np.empty(len(taps))
         for n, (l, m) in enumerate(zip(*own, strict=True)):
             counts = next(tap_counts(bins[n : n + 1], B)).reshape(K, B)
-            rest = np.maximum(posterior.concentration[l, m] - counts, np.finfo(float).tiny)
+            rest = np.maximum(concentration[l, m] - counts, np.finfo(float).tiny)
             total, hit = rest.sum(axis=1), counts > 0
             integrated[n] = (gammaln(total) - gammaln(total + counts.sum(axis=1))).sum() + (
                 gammaln(rest[hit] + counts[hit]) - gammaln(rest[hit])
@@ -143,7 +143,7 @@ class HistogramModel(TapModel):
 
     def prior(self, posterior: "HistogramPosterior") -> "DirichletPrior":
         """Prior of the histograms."""
-        return DirichletPrior(posterior.concentration.shape, self.pseudocount)
+        return DirichletPrior(posterior.counts.shape, self.pseudocount)
 
     @property
     def K(self) -> int:  # noqa: N802
@@ -159,6 +159,11 @@ class HistogramModel(TapModel):
     def name(self) -> str:
         """Name in the registry; `session` with several states."""
         return self.kind if len(self.states.gain) == 1 else "session"
+
+    @property
+    def keeps_posterior(self) -> bool:
+        """Whether there is a posterior: the counts and the pseudocount are all of it."""
+        return self.posterior is not None
 
     @property
     def dims(self) -> dict[str, tuple[str, ...]]:
@@ -288,10 +293,17 @@ class HistogramPosterior(NamedTuple):
     """Dirichlet posterior of the histograms; exact.
 
     Attributes:
-        concentration: Concentration of every bin, shape (L, M, K, B).
+        counts: Samples in every bin, shape (L, M, K, B).
+        pseudocount: Concentration of the prior.
     """
 
-    concentration: NDArray[np.float64]
+    counts: NDArray[np.int64]
+    pseudocount: float
+
+    @property
+    def concentration(self) -> NDArray[np.float64]:
+        """Concentration of every bin, shape (L, M, K, B)."""
+        return self.counts.astype(np.float64) + self.pseudocount
 
     @classmethod
     def of(cls, model: HistogramModel) -> "HistogramPosterior":
@@ -302,12 +314,12 @@ class HistogramPosterior(NamedTuple):
         """
         if model.pseudocount == 0:
             raise InputError("Without a pseudocount the histogram model has no posterior: its prior is improper.")
-        return cls(model.counts.astype(np.float64) + model.pseudocount)
+        return cls(model.counts, model.pseudocount)
 
     def point(self) -> Parameters:
         """Log probabilities by Eq. 2."""
-        total = self.concentration.sum(axis=-1, keepdims=True)
-        return {"log_prob": np.log(self.concentration / total)}
+        concentration = self.concentration
+        return {"log_prob": np.log(concentration / concentration.sum(axis=-1, keepdims=True))}
 
     def draw(self, generator: np.random.Generator) -> Parameters:
         """Draw of the log probabilities of bins; many are far below the range of plain numbers."""
@@ -333,7 +345,7 @@ class DirichletPrior(NamedTuple):
 
     def draw(self, generator: np.random.Generator) -> Parameters:
         """Draw of the log probabilities of bins."""
-        return HistogramPosterior(np.full(self.shape, self.pseudocount)).draw(generator)
+        return HistogramPosterior(np.zeros(self.shape, np.int64), self.pseudocount).draw(generator)
 
     def log_density(self, parameters: Parameters) -> ByClass:
         """Log density of the probabilities of each class."""
@@ -364,7 +376,9 @@ class _Histogram(NamedTuple):
         self, attributes: Mapping[str, Any], data: xr.Dataset, _: xr.Dataset, common: dict[str, Any]
     ) -> HistogramModel:
         """Model from the groups of a file, see `MeasurementModel.read`."""
-        model = HistogramModel(counts=data["counts"].values, pseudocount=float(attributes["pseudocount"]), **common)
+        counts, pseudocount = data["counts"].values, float(attributes["pseudocount"])
+        common["posterior"] = HistogramPosterior(counts, pseudocount) if pseudocount else None
+        model = HistogramModel(counts=counts, pseudocount=pseudocount, **common)
         shape = model.counts.shape
         fits = len(shape) == 4 and model.edges.shape in ((shape[3] + 1,), (shape[2], shape[3] + 1))
         if not fits or shape[:2] != model.grid.shape:

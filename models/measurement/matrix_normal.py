@@ -299,4 +299,5 @@ MODEL = Story(
     sites=sites_of,
     trained_only=True,
     integrated=integrated,
+    kept=KroneckerPosterior,
 )

@@ -63,7 +63,9 @@ class TapModel(ABC):
         states: What all taps of an episode share and nobody knows before it; one state for most models.
         draws: Parameters from the posterior over which decisions are integrated; none to decide at one value.
         saturation: How many taps' evidence the taps of an episode carry at most, see `inference.filter`.
-        posterior: Posterior of its parameters, if it was fitted in this process; no file and no pickle has it.
+        posterior: Posterior of its parameters, if it was fitted in this process or has a closed form, which files
+            keep; no pickle has it.
+        seed: Random seed of the fit, and of draws from its posterior where no other is named.
         missing: What to do with samples that are NaN: `"refuse"` the tap, or `"drop"` them, so that the likelihood is
             that of the other samples; the exponent stays that of a whole tap. No file has it.
 
@@ -85,6 +87,7 @@ class TapModel(ABC):
     saturation: float = np.inf
     draws: "tuple[Parameters, ...]" = ()
     posterior: "Posterior | None" = None
+    seed: int = 0
     missing: Missing = "refuse"
 
     def __getstate__(self) -> dict[str, Any]:
@@ -110,6 +113,11 @@ class TapModel(ABC):
     @abstractmethod
     def dims(self) -> dict[str, tuple[str, ...]]:
         """Dims of the parameters, and of their draws, by name."""
+
+    @property
+    def keeps_posterior(self) -> bool:
+        """Whether its file keeps the posterior, so that draws are made when they are asked for."""
+        return False
 
     @property
     def name(self) -> str:
@@ -360,6 +368,7 @@ class TapModel(ABC):
             "left_out": json.dumps(self.left_out),
             "trained_on": self.trained_on,
             "version": self.version,
+            "seed": self.seed,
         }
         edge = ("edge",) if self.edges.ndim == 1 else ("taxel", "edge")
         data: dict[str, Any] = {
@@ -377,7 +386,9 @@ class TapModel(ABC):
                 "novelty_edges": (edge, self.novelty.edges),
             }
         groups = {"/": xr.Dataset(attrs=attributes), "constant_data": xr.Dataset(data, self.grid.coords())}
-        if self.draws:
+        if self.draws and self.keeps_posterior:
+            groups["/"].attrs["integrate"] = len(self.draws)
+        elif self.draws:
             stacked = {
                 name: (("integrated", *dims), np.stack([draw[name] for draw in self.draws]))
                 for name, dims in self.dims.items()
@@ -491,7 +502,7 @@ class MeasurementModel(Protocol):
             attributes: Attributes of the file.
             data: Group `constant_data`.
             parameters: Group `parameters`.
-            common: What all models have, as arguments.
+            common: What all models have, as arguments; `posterior` is the group of a posterior in closed form.
 
         Raises:
             KeyError: Something is missing.

@@ -70,4 +70,5 @@ MODEL = Story(
     integrated=integrated,
     leave_out=leave_out,
     independent=True,
+    kept=CellPosterior,
 )

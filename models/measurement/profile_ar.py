@@ -199,4 +199,5 @@ MODEL = Story(
     arguments=prior_of_cells,
     trained_only=True,
     integrated=integrated,
+    kept=ArPosterior,
 )

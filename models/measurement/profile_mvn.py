@@ -247,4 +247,5 @@ MODEL = Story(
     sites=sites_of,
     trained_only=True,
     integrated=integrated,
+    kept=MvnPosterior,
 )

@@ -8,6 +8,7 @@ imported when their model is asked for. Models of users are functions, see `gene
 import re
 from collections import Counter
 from collections.abc import Iterable
+from dataclasses import replace
 from importlib import import_module
 from math import inf
 from typing import TYPE_CHECKING, Any
@@ -173,7 +174,7 @@ def fit_model(
         raise NotConvergedError(
             f"{name} did not converge: {told}{more} Use it anyway with --allow-unconverged (unconverged=True)."
         )
-    fitted = fitted._replace(model=fitted.model.with_missing(taps.missing))
+    fitted = fitted._replace(model=replace(fitted.model, missing=taps.missing, seed=settings.seed))
     if settings.integrate:
         fitted = fitted.integrated(settings.integrate, settings.seed)
     if not in_states:

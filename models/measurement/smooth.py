@@ -352,4 +352,5 @@ MODEL = Story(
     integrated=integrated,
     basis=basis_in_classes,
     covered=between,
+    kept=CurvePosterior,
 )

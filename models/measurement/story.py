@@ -27,6 +27,7 @@ from ..grid import ClassGrid
 from ..progress import Progress, no_progress
 from ..settings import FitSettings
 from ..taps import TapSet
+from .fits.closed_form import GROUP, packed, unpacked
 from .fits.posterior import Posterior, Prior, SamplePosterior, Sites
 from .fits.priors import Taps
 from .fitted_parameters import ModelOfParameters, training
@@ -76,6 +77,7 @@ class Story:
         covered: From the trained classes to those that it can speak about, shape (L, M) both; default the trained ones.
         own_threads: Whether its posterior draws with threads of its own.
         independent: Whether the samples of a tap are independent and its fit leaves out those that are missing.
+        kept: Type of the posterior of the fast fit if files keep it, see `fits.closed_form`.
     """
 
     name: str
@@ -97,6 +99,7 @@ class Story:
     covered: Callable[[NDArray[np.bool_]], NDArray[np.bool_]] | None = None
     own_threads: bool = False
     independent: bool = False
+    kept: type | None = None
 
     def fit(
         self,
@@ -185,6 +188,8 @@ class Story:
         common: dict[str, Any],
     ) -> "ParametricModel":
         """Model from the groups of a file, see `MeasurementModel.read`."""
+        closed_form = common["posterior"]
+        common["posterior"] = None if self.kept is None or not closed_form else unpacked(self.kept, closed_form)
         model = ParametricModel(
             story=self,
             scaling=Scaling(data["centre"].values, data["unit"].values),
@@ -217,6 +222,11 @@ class ParametricModel(ModelOfParameters):
         return self.story.name
 
     @property
+    def keeps_posterior(self) -> bool:
+        """Whether the posterior is that of the fast fit, and in closed form."""
+        return self.story.kept is not None and isinstance(self.posterior, self.story.kept)
+
+    @property
     def frame(self) -> Measure:
         """Constants of the likelihood form besides parameters."""
         return Measure(self.scaling, self.edges, self.basis)
@@ -231,8 +241,10 @@ class ParametricModel(ModelOfParameters):
         return self.story.prior(posterior, (*self.grid.shape, *self.tap_shape))
 
     def groups(self) -> dict[str, xr.Dataset]:
-        """Groups of the file, with basis functions if there are any."""
+        """Groups of the file, with basis functions and a posterior in closed form if there are any."""
         groups = super().groups()
+        if self.keeps_posterior:
+            groups[GROUP] = packed(self.posterior)
         if not self.basis.size:
             return groups
         own = {"basis": (("place", "where", "basis_function"), self.basis)}

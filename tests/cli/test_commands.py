@@ -52,6 +52,22 @@ def test_help_names_every_model(command):
     assert [name for name in NAMES if name not in done.out] == []
 
 
+def test_fit_keeps_a_posterior_in_closed_form_instead_of_draws(command, tmp_path, taps_file):
+    """From which ArviZ has the draws that --draws and --arviz store."""
+    words = ("fit", taps_file, "--model", "gaussian", "--bins", 9, "--seed", 3, "--out")
+    assert command(*words, tmp_path / "model.nc").code == 0
+    assert command(*words, tmp_path / "drawn.nc", "--draws", 2).code == 0
+    taps = TapSet.load(taps_file)
+    tree = to_arviz(load_model(tmp_path / "model.nc"), taps.select(taps.session == 0), draws=8)
+
+    with xr.open_datatree(tmp_path / "model.nc", engine="h5netcdf") as kept:
+        assert not {"posterior", "log_likelihood"} & set(kept.children)
+    with xr.open_datatree(tmp_path / "drawn.nc", engine="h5netcdf") as drawn:
+        for group, name in (("posterior", "variance"), ("log_likelihood", "taps")):
+            stored = drawn[group][name]
+            np.testing.assert_array_equal(stored.values.reshape(8, -1), tree[group][name].values.reshape(8, -1))
+
+
 @pytest.mark.parametrize("name", ["histogram", "gaussian", "profile", "session:gaussian"])
 def test_fit_writes_any_model_with_its_draws(command, tmp_path, taps_file, name):
     """The file decides as the model fitted in Python does; the way to it is said."""

@@ -137,6 +137,45 @@ def test_a_saturation_survives(fitted, tmp_path, name, saturation):
     assert load_model(path).saturation == np.inf
 
 
+CLOSED = [name for name in NAMES if name != "student"]
+
+
+@pytest.mark.parametrize("name", CLOSED)
+def test_a_posterior_in_closed_form_survives_instead_of_draws(fitted, tmp_path, name):
+    """Its draws are those of the fitted one to the last bit, also those over which decisions are integrated."""
+    integrated = replace(fitted[name].integrated(2, 7).model, posterior=fitted[name].posterior, seed=7)
+    integrated.save(tmp_path / "model.nc")
+    loaded = load_model(tmp_path / "model.nc")
+
+    assert not {"posterior", "integrated"} & set(opened(tmp_path / "model.nc").children)
+    assert (loaded.seed, len(loaded.draws)) == (7, 2)
+    drawn = [model.posterior.draw(np.random.default_rng(3)) for model in (loaded, integrated)]
+    for before, after in (drawn, *zip(integrated.draws, loaded.draws, strict=True)):
+        assert before.keys() == after.keys()
+        for parameter in before:
+            np.testing.assert_array_equal(before[parameter], after[parameter])
+
+
+def test_draws_of_older_files_still_decide(fitted, taps, tmp_path):
+    """Their seed is not known, so other draws from their posterior would not be of the same fit."""
+    model = fitted["histogram"].integrated(3, 5).model
+    model.save(tmp_path / "model.nc")
+    loaded = load_model(tmp_path / "model.nc")
+
+    assert opened(tmp_path / "model.nc")["integrated"].sizes["integrated"] == 3
+    assert loaded.posterior is None
+    np.testing.assert_array_equal(loaded.log_likelihood(taps.taps), model.log_likelihood(taps.taps))
+
+
+def test_a_damaged_posterior_is_refused(fitted, tmp_path):
+    """By the name of what is missing."""
+    model, path = replace(fitted["profile-ar"].model, posterior=fitted["profile-ar"].posterior), tmp_path / "model.nc"
+    changed(lambda data: data.drop_vars("series.square"), "closed_form")(model, path)
+
+    with pytest.raises(InputError, match=r"model.nc: damaged: missing .*series.square"):
+        load_model(path)
+
+
 @pytest.mark.parametrize("name", ["session", "session:profile"])
 def test_states_survive(fitted, tmp_path, name):
     """Gains, offsets and their probabilities, 7 times 3 of them."""
