@@ -32,9 +32,11 @@ format: $(VENV)/.ready-dev
 
 bench: $(VENV)/.ready-dev
 	@$(PY) -m benchmarks.speed.run --document docs/reference/performance.md
+	@$(PY) -m benchmarks.speed.commands.run --document docs/reference/performance.md $(if $(BEFORE),--before "$(BEFORE)")
 
 bench-quick: $(VENV)/.ready-dev
 	@$(PY) -m benchmarks.speed.run --quick
+	@$(PY) -m benchmarks.speed.commands.run --quick
 
 studies: $(VENV)/.ready-run
 	@$(PY) -m benchmarks.studies.models.recovery --document docs/explanation/model-studies.md
@@ -107,7 +109,7 @@ help:
 	@echo "make test-all  run all tests, including whole commands, clusters and emulated rigs"
 	@echo "make check   check lint, format, types and import layers"
 	@echo "make format  fix lint and format"
-	@echo "make bench   time every task against baselines and limits, into docs/reference/performance.md; bench-quick is a trial"
+	@echo "make bench   time kernels and commands, into docs/reference/performance.md; BEFORE=DIR adds an older checkout; bench-quick is a trial"
 	@echo "make studies model recovery, calibration and end of fits, gain of session models, into docs/explanation/model-studies.md"
 	@echo "make audit-studies  level and power of the audit, into docs/explanation/audit-studies.md"
 	@echo "make interval-studies  coverage of intervals and level of the verdict on beliefs, into docs/explanation/intervals.md; hours"

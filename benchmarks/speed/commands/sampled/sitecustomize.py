@@ -1,0 +1,69 @@
+"""Counts the processor time of each stack of calls, from the start of Python to its end.
+
+With the environment variable `SOLIDTOUCH_STACKS`, a folder, every Python process writes a file `PID.json` there: a list
+of stacks, outermost call first, each with its seconds. A thread notes every few milliseconds how much processor time
+each thread has used since, and what it is calling. Time of threads unknown to Python, such as XLA's, counts for the
+main thread, which waits for them.
+"""
+
+import os
+import sys
+
+PERIOD_S = 0.005
+
+
+def _start(folder: str) -> None:
+    import atexit  # noqa: PLC0415 - only where stacks are wanted
+    import json  # noqa: PLC0415
+    import threading  # noqa: PLC0415
+    from collections import Counter  # noqa: PLC0415
+
+    counted: Counter[tuple[str, ...]] = Counter()
+    main, ended, seen = threading.main_thread(), threading.Event(), {}
+
+    def used(task: str) -> int:
+        """Nanoseconds of processor time of a thread since the last call."""
+        try:
+            with open(f"/proc/self/task/{task}/schedstat", encoding="ascii") as file:  # noqa: PTH123
+                now = int(file.read().split()[0])
+        except OSError:  # it has just ended
+            return 0
+        before, seen[task] = seen.get(task, 0), now
+        return now - before
+
+    def sample() -> None:
+        idents = {str(thread.native_id): thread.ident for thread in threading.enumerate()}
+        frames = sys._current_frames()
+        for task in os.listdir("/proc/self/task"):  # noqa: PTH208
+            ident = idents.get(task, main.ident)
+            nanoseconds = used(task)
+            if nanoseconds and ident in frames and ident != sampler.ident:
+                counted[_calls(frames[ident])] += nanoseconds
+
+    def work() -> None:
+        while not ended.wait(PERIOD_S):
+            sample()
+
+    def write() -> None:
+        ended.set()
+        sampler.join()
+        stacks = [[*stack, nanoseconds / 1e9] for stack, nanoseconds in counted.items()]
+        with open(f"{folder}/{os.getpid()}.json", "w", encoding="utf-8") as file:  # noqa: PTH123
+            json.dump(stacks, file)
+
+    sampler = threading.Thread(target=work, daemon=True)
+    atexit.register(write)
+    sampler.start()
+
+
+def _calls(frame) -> tuple[str, ...]:
+    found = []
+    while frame is not None:
+        code = frame.f_code
+        found.append(f"{code.co_filename}:{code.co_name}")
+        frame = frame.f_back
+    return tuple(reversed(found))
+
+
+if os.environ.get("SOLIDTOUCH_STACKS") and os.path.isdir("/proc/self/task"):  # noqa: PTH112
+    _start(os.environ["SOLIDTOUCH_STACKS"])
