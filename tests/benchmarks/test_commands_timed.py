@@ -11,7 +11,7 @@ import pytest
 from benchmarks.page import check_block, write_block
 from benchmarks.speed.commands.process import Spent, spent
 from benchmarks.speed.commands.run import BLOCK, page, revision
-from benchmarks.speed.commands.stages import functions, shares, stacks, stage
+from benchmarks.speed.commands.stages import EXIT, functions, shares, stacks, stage
 from benchmarks.speed.commands.table import Timed, stored
 from benchmarks.speed.commands.works import GIB, WORKS, installed
 
@@ -61,6 +61,7 @@ def test_stacks_are_counted_by_processor_time(tmp_path):
 
     assert named["busy"] == pytest.approx(0.1, abs=0.04)
     assert named.get("idle", 0) < 0.02
+    assert 0 <= counted[EXIT,] < 0.1
     assert sum(counted.values()) >= named["<module>"] >= named["busy"]
     assert {stack[-1].rpartition(":")[2] for stack in inside} == {"busy"}
 
@@ -77,6 +78,7 @@ def test_stacks_are_counted_by_processor_time(tmp_path):
         ),
         (["/x/analysis/audit/run.py:audit", "/x/inference/trials/tally.py:f", "/x/models/taps.py:f"], "trials/tally"),
         (["/y/site.py:main"], "other"),
+        ([EXIT], "exit of Python"),
     ],
 )
 def test_a_stack_belongs_to_the_module_that_the_study_calls(calls, name):

@@ -11,7 +11,7 @@ from pathlib import Path
 from benchmarks.speed.commands.process import spent
 
 SAMPLED = Path(__file__).parent / "sampled"
-OTHER = "other"
+OTHER, EXIT = "other", "exit of Python"
 _ANYWHERE = {
     "imports": r"<frozen importlib\._bootstrap>:_find_and_load$",
     "compiling": r"/jax/_src/(compiler|pjit|api|interpreters/\w+)\.py:|/numba/core/(dispatcher|caching|compiler)\.py:",
@@ -30,6 +30,8 @@ type Stack = tuple[str, ...]
 def stacks(words: Sequence[str], folder: Path, inside: str = "") -> dict[Stack, float]:
     """Processor seconds of each stack of calls, outermost first, of a program and the Pythons that it starts.
 
+    What Python takes to take itself down is the stack `(EXIT,)`.
+
     Args:
         words: Path of the program and its arguments.
         folder: Where it runs.
@@ -37,11 +39,13 @@ def stacks(words: Sequence[str], folder: Path, inside: str = "") -> dict[Stack, 
     """
     counted: dict[Stack, float] = defaultdict(float)
     with tempfile.TemporaryDirectory() as written:
-        spent(words, folder, {"SOLIDTOUCH_STACKS": written, "PYTHONPATH": str(SAMPLED)})
-        for path in Path(written).glob("*.json"):
-            for *stack, seconds in json.loads(path.read_text(encoding="utf-8")):
-                if any(call.endswith(inside) for call in stack):
-                    counted[tuple(stack)] += seconds
+        used = spent(words, folder, {"SOLIDTOUCH_STACKS": written, "PYTHONPATH": str(SAMPLED)}).processor_s
+        files = [json.loads(path.read_text(encoding="utf-8")) for path in Path(written).glob("*.json")]
+    for *stack, seconds in (line for file in files for line in file["stacks"]):
+        if any(call.endswith(inside) for call in stack):
+            counted[tuple(stack)] += seconds
+    if not inside:  # the process that was started has waited for the others, so its time is the largest
+        counted[EXIT,] = used - max((file["processor_s"] for file in files), default=used)
     return dict(counted)
 
 
@@ -52,6 +56,8 @@ def stage(stack: Iterable[str]) -> str:
     'trials/tally'
     """
     stack = list(stack)
+    if stack == [EXIT]:
+        return EXIT
     for name, pattern in _ANYWHERE.items():
         if any(re.search(pattern, call) for call in stack):
             return name
@@ -64,7 +70,7 @@ def stage(stack: Iterable[str]) -> str:
 
 def shares(counted: Mapping[Stack, float]) -> dict[str, float]:
     """Share of each stage in the processor time, the largest first; small ones together are `other`, at the end."""
-    total = sum(counted.values())
+    total = sum(counted.values()) or 1.0
     stages: dict[str, float] = defaultdict(float)
     for stack, seconds in counted.items():
         stages[stage(stack)] += seconds / total

@@ -1,9 +1,10 @@
 """Counts the processor time of each stack of calls, from the start of Python to its end.
 
-With the environment variable `SOLIDTOUCH_STACKS`, a folder, every Python process writes a file `PID.json` there: a list
-of stacks, outermost call first, each with its seconds. A thread notes every few milliseconds how much processor time
-each thread has used since, and what it is calling. Time of threads unknown to Python, such as XLA's, counts for the
-main thread, which waits for them.
+With the environment variable `SOLIDTOUCH_STACKS`, a folder, every Python process writes a file `PID.json` there:
+`stacks`, each a list of calls, outermost first, with its seconds at the end, and `processor_s`, what the process and
+those that it waited for have used until Python begins to take itself down. A thread notes every few milliseconds how
+much processor time each thread has used since, and what it is calling. Time of threads unknown to Python, such as
+XLA's, counts for the main thread, which waits for them.
 """
 
 import os
@@ -15,13 +16,14 @@ PERIOD_S = 0.005
 def _start(folder: str) -> None:
     import atexit  # noqa: PLC0415 - only where stacks are wanted
     import json  # noqa: PLC0415
+    import resource  # noqa: PLC0415
     import threading  # noqa: PLC0415
     from collections import Counter  # noqa: PLC0415
 
     counted: Counter[tuple[str, ...]] = Counter()
     main, ended, seen = threading.main_thread(), threading.Event(), {}
 
-    def used(task: str) -> int:
+    def since(task: str) -> int:
         """Nanoseconds of processor time of a thread since the last call."""
         try:
             with open(f"/proc/self/task/{task}/schedstat", encoding="ascii") as file:  # noqa: PTH123
@@ -36,7 +38,7 @@ def _start(folder: str) -> None:
         frames = sys._current_frames()
         for task in os.listdir("/proc/self/task"):  # noqa: PTH208
             ident = idents.get(task, main.ident)
-            nanoseconds = used(task)
+            nanoseconds = since(task)
             if nanoseconds and ident in frames and ident != sampler.ident:
                 counted[_calls(frames[ident])] += nanoseconds
 
@@ -47,9 +49,11 @@ def _start(folder: str) -> None:
     def write() -> None:
         ended.set()
         sampler.join()
+        used = map(resource.getrusage, (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+        processor_s = sum(one.ru_utime + one.ru_stime for one in used)
         stacks = [[*stack, nanoseconds / 1e9] for stack, nanoseconds in counted.items()]
         with open(f"{folder}/{os.getpid()}.json", "w", encoding="utf-8") as file:  # noqa: PTH123
-            json.dump(stacks, file)
+            json.dump({"stacks": stacks, "processor_s": processor_s}, file)
 
     sampler = threading.Thread(target=work, daemon=True)
     atexit.register(write)
