@@ -35,15 +35,15 @@ def stacks(words: Sequence[str], folder: Path, inside: str = "") -> dict[Stack, 
     Args:
         words: Path of the program and its arguments.
         folder: Where it runs.
-        inside: The function that counts, as `file:name`; default: all.
+        inside: Only while the main thread is in this function, `file:name`; default: always.
     """
     counted: dict[Stack, float] = defaultdict(float)
     with tempfile.TemporaryDirectory() as written:
-        used = spent(words, folder, {"SOLIDTOUCH_STACKS": written, "PYTHONPATH": str(SAMPLED)}).processor_s
+        variables = {"SOLIDTOUCH_STACKS": written, "SOLIDTOUCH_INSIDE": inside, "PYTHONPATH": str(SAMPLED)}
+        used = spent(words, folder, variables).processor_s
         files = [json.loads(path.read_text(encoding="utf-8")) for path in Path(written).glob("*.json")]
     for *stack, seconds in (line for file in files for line in file["stacks"]):
-        if any(call.endswith(inside) for call in stack):
-            counted[tuple(stack)] += seconds
+        counted[tuple(stack)] += seconds
     if not inside:  # the process that was started has waited for the others, so its time is the largest
         counted[EXIT,] = used - max((file["processor_s"] for file in files), default=used)
     return dict(counted)

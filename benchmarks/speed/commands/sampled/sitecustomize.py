@@ -4,7 +4,8 @@ With the environment variable `SOLIDTOUCH_STACKS`, a folder, every Python proces
 `stacks`, each a list of calls, outermost first, with its seconds at the end, and `processor_s`, what the process and
 those that it waited for have used until Python begins to take itself down. A thread notes every few milliseconds how
 much processor time each thread has used since, and what it is calling. Time of threads unknown to Python, such as
-XLA's, counts for the main thread, which waits for them.
+XLA's, counts for the main thread, which waits for them. With `SOLIDTOUCH_INSIDE`, a function as `file:name`, only the
+time counts while the main thread is in it.
 """
 
 import os
@@ -13,7 +14,7 @@ import sys
 PERIOD_S = 0.005
 
 
-def _start(folder: str) -> None:
+def _start(folder: str, inside: str) -> None:
     import atexit  # noqa: PLC0415 - only where stacks are wanted
     import json  # noqa: PLC0415
     import resource  # noqa: PLC0415
@@ -36,10 +37,11 @@ def _start(folder: str) -> None:
     def sample() -> None:
         idents = {str(thread.native_id): thread.ident for thread in threading.enumerate()}
         frames = sys._current_frames()
+        counts = not inside or any(call.endswith(inside) for call in _calls(frames.get(main.ident)))
         for task in os.listdir("/proc/self/task"):  # noqa: PTH208
             ident = idents.get(task, main.ident)
             nanoseconds = since(task)
-            if nanoseconds and ident in frames and ident != sampler.ident:
+            if counts and nanoseconds and ident in frames and ident != sampler.ident:
                 counted[_calls(frames[ident])] += nanoseconds
 
     def work() -> None:
@@ -70,4 +72,4 @@ def _calls(frame) -> tuple[str, ...]:
 
 
 if os.environ.get("SOLIDTOUCH_STACKS") and os.path.isdir("/proc/self/task"):  # noqa: PTH112
-    _start(os.environ["SOLIDTOUCH_STACKS"])
+    _start(os.environ["SOLIDTOUCH_STACKS"], os.environ.get("SOLIDTOUCH_INSIDE", ""))
