@@ -76,9 +76,9 @@ def test_stacks_of_all_threads_are_counted_by_processor_time(tmp_path):
     [
         (["/x/cli/audit.py:audit", "<frozen importlib._bootstrap>:_find_and_load", "/y/a.py:f"], "imports"),
         (["/x/inference/trials/run.py:play", "/y/jax/_src/compiler.py:compile_or_get_cached"], "compiling"),
-        (["/x/analysis/audit/figures_checks.py:draw", "/y/numpy/core.py:f"], "figures and page"),
+        (["/x/analysis/audit/figures_checks.py:draw", "/y/numpy/core.py:f"], "figures"),
         (
-            ["/x/analysis/audit/report.py:audit", "/x/analysis/page/stages.py:counted", "/x/models/taps.py:f"],
+            ["/x/analysis/audit/report.py:audit", "/x/analysis/page/report.py:save", "/x/models/taps.py:f"],
             "models/taps",
         ),
         (["/x/analysis/audit/run.py:audit", "/x/inference/trials/tally.py:f", "/x/models/taps.py:f"], "trials/tally"),

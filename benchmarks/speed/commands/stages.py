@@ -15,12 +15,11 @@ OTHER, EXIT = "other", "exit of Python"
 _ANYWHERE = {
     "imports": r"<frozen importlib\._bootstrap>:_find_and_load$",
     "compiling": r"/jax/_src/(compiler|pjit|api|interpreters/\w+)\.py:|/numba/core/(dispatcher|caching|compiler)\.py:",
-    "figures and page": r"/(matplotlib|arviz_plots)/|/analysis/(\w+/)*(figures?(_\w+)?|page)\.py:"
-    r"|/analysis/page/(?!stages)",
+    "figures": r"/(matplotlib|arviz_plots)/|/analysis/(\w+/)*figures?(_\w+)?\.py:",
 }
 """Stages by calls that belong to them wherever they are in a stack; the first that fits counts."""
 _OURS = re.compile(r"/(?P<module>(?:models|hardware|inference|analysis)/[\w/]+)\.py:")
-_LEADING = re.compile(r"/(run|report|study|stages|threads|progress)$|^models/(threads|progress)$")
+_LEADING = re.compile(r"/(run|report|study|page|summary|results)$|^analysis/page/|^models/(threads|progress)$")
 """Modules that call the others in turn."""
 _LEAST = 0.05
 
