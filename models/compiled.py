@@ -1,6 +1,7 @@
 """Loops compiled to machine code by numba, cached on disk if the cache folder is writable."""
 
-from collections.abc import Callable
+import os
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from typing import Any
 
@@ -18,18 +19,24 @@ _intrinsic: Any = intrinsic
 
 
 def compiled[F: Callable[..., Any]](function: F) -> F:
-    """Decorated function, compiled on its first call, that releases the interpreter's lock.
-
-    Functions that call each other belong in one file: the copy on disk is not renewed when a callee elsewhere changes.
-    """
+    """Decorated function, compiled on its first call, that releases the interpreter's lock."""
     dispatcher: Any = numba.njit(**_OPTIONS)(function)
-    with suppress(RuntimeError):  # neither beside the file nor in the user's cache folder can anything be written
+    with suppress(RuntimeError, OSError):  # neither beside the file nor in the user's cache folder can anything be written
         dispatcher._cache = _Cache(function)
     return dispatcher
 
 
 class _Cache(FunctionCache):
-    """Machine code on disk, made again if it cannot be read: damaged, or for types of a module that has moved."""
+    """Machine code on disk, made again where it cannot be used.
+
+    That is if it is damaged, if it is for types of a module that has moved, or if the file of the function or of one
+    that it calls has changed.
+    """
+
+    def __init__(self, function: Any) -> None:
+        super().__init__(function)
+        files = sorted({called.__code__.co_filename for called in _called(function)})
+        self._cache_file._source_stamp = [(file, os.stat(file).st_mtime_ns) for file in files]
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         try:
@@ -37,6 +44,16 @@ class _Cache(FunctionCache):
         except Exception:
             self.flush()
             return None
+
+
+def _called(function: Any) -> Iterator[Any]:
+    """A function and all compiled ones that it calls, directly or not."""
+    yield function
+    for name in function.__code__.co_names:
+        called = function.__globals__.get(name)
+        inner = getattr(called, "py_func", None) or getattr(called, "_defn", None)
+        if inner is not None:
+            yield from _called(inner)
 
 
 @_intrinsic

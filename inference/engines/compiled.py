@@ -14,10 +14,10 @@ from ...models.errors import InputError
 from ...models.grid import nearest_trained
 from ...models.measurement.model import TapModel
 from ..reference import BORDERS, Border, ZeroEvidenceError
-from ..trials import kernel
+from ..trials import scaled
 from ..trials.records import Classes, Likelihoods, ScaledBelief
 
-_UNIT = kernel.UNIT * np.log(2.0)
+_UNIT = scaled.UNIT * np.log(2.0)
 
 
 def classes(trained: NDArray[np.bool_]) -> Classes:
@@ -30,18 +30,19 @@ def likelihoods(log_likelihood: ArrayLike) -> Likelihoods:
     """Table for the kernel from log-likelihoods of shape (N, L, S M)."""
     z, k = _scaled(np.asarray(log_likelihood, dtype=np.float64))
     wide = k.any(axis=(1, 2))
-    least = np.where(z > 0, z, np.inf).min(axis=(1, 2), initial=1.0)
-    return Likelihoods(z, least, wide, k if wide.any() else k[:0])
+    plain = np.where(k > 1, 0.0, np.ldexp(z, -scaled.UNIT * k)) if wide.any() else z
+    least = np.where(plain > 0, plain, np.inf).min(axis=(1, 2), initial=1.0)
+    return Likelihoods(z, plain, least, wide, k if wide.any() else k[:0])
 
 
 def scaled_belief(log_belief: ArrayLike) -> ScaledBelief:
     """Belief for the kernel from a log belief of shape (L, S M)."""
     z, k = _scaled(np.asarray(log_belief, dtype=np.float64)[np.newaxis])
-    return ScaledBelief(z[0], k[0], float(np.where(z > 0, z, np.inf).min(initial=1.0)))
+    return ScaledBelief(z[0], k[0])
 
 
 def border_number(border: Border) -> int:
-    """Number of a border in the kernel."""
+    """Number of a border in the scaled."""
     return BORDERS.index(border)
 
 
@@ -56,7 +57,7 @@ def refuse_border(border: int, hypotheses: int, M: int) -> None:
     Raises:
         InputError: The border is `prior` and there are more hypotheses than objects.
     """
-    if border == kernel.PRIOR and hypotheses > M:
+    if border == scaled.PRIOR and hypotheses > M:
         raise InputError("border 'prior' does not support models that carry a state; use 'uniform'.")
 
 
@@ -91,7 +92,7 @@ class FilterEngine:
 
     def __post_init__(self) -> None:
         if self.border == "prior":
-            refuse_border(kernel.PRIOR, self.model.log_prior.shape[1], self.model.grid.M)
+            refuse_border(scaled.PRIOR, self.model.log_prior.shape[1], self.model.grid.M)
 
     @cached_property
     def _classes(self) -> Classes:
@@ -128,25 +129,25 @@ class _Working:
     """A belief in the kernel's arrays."""
 
     def __init__(self, log_belief: NDArray[np.float64]) -> None:
-        self.z, self.k, _ = scaled_belief(log_belief)
+        self.z, self.k = scaled_belief(log_belief)
         hypotheses, L = self.z.shape
         self.on = (self.k == 0).astype(np.float64)
         self.where, self.hypothesis = np.empty(L), np.empty(hypotheses)
 
     def multiply(self, row: NDArray[np.float64]) -> float:
-        return kernel.multiply(self.z, self.on, row, self.where, self.hypothesis)
+        return scaled.multiply(self.z, self.on, row, self.where, self.hypothesis)
 
     def settle(self) -> bool:
         """Whether any class has nonzero belief."""
-        return kernel.settle(self.z, self.k, self.on) > 0
+        return scaled.settle(self.z, self.k, self.on) > 0
 
     def shift(self, delta: int, border: int, classes: Classes) -> None:
         total = self.multiply(np.ones_like(self.z))
         belief, room = (self.z, self.k, self.on), (np.empty(len(self.where)), np.empty(len(self.where), np.int64))
         if classes.holes:
-            kernel.shift_around(*belief, delta, border, classes.trained, classes.nearest, total, *room)
+            scaled.shift_around(*belief, delta, border, classes.trained, classes.nearest, total, *room)
         else:
-            kernel.shift(*belief, delta, border, len(classes.trained), total, *room)
+            scaled.shift(*belief, delta, border, len(classes.trained), total, *room)
 
     def log(self) -> NDArray[np.float64]:
         """Normalised log belief, shape (L, S M)."""

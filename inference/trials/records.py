@@ -119,12 +119,14 @@ class Likelihoods(NamedTuple):
 
     Attributes:
         rows: z, 0 where the tap is impossible, shape (N, S M, L).
-        least: The smallest z above 0 of each tap, shape (N,).
+        plain: The likelihoods as plain numbers, 0 where k > 1, shape (N, S M, L).
+        least: The smallest of these above 0 of each tap, shape (N,).
         wide: Whether some k is not 0, shape (N,).
         units: k, shape (N, S M, L), or (0, S M, L) where no tap is wide.
     """
 
     rows: NDArray[np.float64]
+    plain: NDArray[np.float64]
     least: NDArray[np.float64]
     wide: NDArray[np.bool_]
     units: NDArray[np.int64]
@@ -136,12 +138,10 @@ class ScaledBelief(NamedTuple):
     Attributes:
         z: Shape (S M, L).
         k: Shape (S M, L).
-        least: The smallest z above 0.
     """
 
     z: NDArray[np.float64]
     k: NDArray[np.int64]
-    least: float
 
 
 class Classes(NamedTuple):

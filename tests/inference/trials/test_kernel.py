@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from solidtouch.inference import reference
 from solidtouch.inference.engines.compiled import likelihoods, scaled_belief
 from solidtouch.inference.reference import BORDERS, ZeroEvidenceError
-from solidtouch.inference.trials import kernel
+from solidtouch.inference.trials import scaled
 from solidtouch.inference.trials.records import TapTable, TrialPlan, trial_uniforms
 from solidtouch.inference.trials.run import run_trials
 from solidtouch.models import seeds
@@ -309,6 +309,7 @@ def test_likelihoods_are_held_exactly_however_deep():
     assert (table.rows[possible] > 2.0**-257).all()
     assert (table.rows <= 1).all()
     assert (table.rows[~possible] == 0).all()
+    np.testing.assert_allclose(table.plain, np.where(table.units < 2, np.exp(depth), 0.0), rtol=1e-9, atol=1e-200)
     assert likelihoods(np.zeros((3, 2, 2))).units.shape == (0, 2, 2)
 
 
@@ -321,8 +322,8 @@ def test_likelihoods_are_held_exactly_however_deep():
 def test_scaled_numbers_add(a, ka, b, kb):
     """In either order, as their logarithms do."""
     exact = np.logaddexp(*(np.log(v) - 256 * np.log(2) * k if v else -np.inf for v, k in ((a, ka), (b, kb))))
-    assert kernel.add(a, 0, 1.0, 2**40) == (a, 0)
-    for z, k in (kernel.add(a, ka, b, kb), kernel.add(b, kb, a, ka)):
+    assert scaled.add(a, 0, 1.0, 2**40) == (a, 0)
+    for z, k in (scaled.add(a, ka, b, kb), scaled.add(b, kb, a, ka)):
         assert np.log(z) - 256 * np.log(2) * k == pytest.approx(exact, abs=1e-9)
 
 
@@ -331,12 +332,12 @@ def test_settling_keeps_the_belief():
     rng = np.random.default_rng(3)
     for _ in range(200):
         log_belief = -rng.exponential(size=(4, 3)) * 10.0 ** rng.integers(0, 4)
-        z, k, _ = scaled_belief(log_belief)
+        z, k = scaled_belief(log_belief)
         drift = rng.integers(0, 600, size=z.shape)
         z, k = z * 2.0**-drift, k + rng.integers(0, 3, size=z.shape)
         before = np.log(z) - 256 * np.log(2) * k
         on = np.empty_like(z)
-        least = kernel.settle(z, k, on)
+        least = scaled.settle(z, k, on)
         after = np.log(z) - 256 * np.log(2) * k
 
         np.testing.assert_allclose(after - after.max(), before - before.max(), rtol=1e-12, atol=1e-9)
@@ -351,4 +352,4 @@ def test_nothing_is_left_of_an_impossible_belief():
     assert not likelihoods(np.full((1, 2, 2), -np.inf)).rows.any()
     z, k, on = np.zeros((2, 3)), np.zeros((2, 3), dtype=np.int64), np.ones((2, 3))
 
-    assert kernel.settle(z, k, on) == 0
+    assert scaled.settle(z, k, on) == 0
