@@ -1,8 +1,8 @@
 """Loops compiled to machine code by numba, cached on disk if the cache folder is writable."""
 
-import os
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import numba
@@ -36,7 +36,7 @@ class _Cache(FunctionCache):
     def __init__(self, function: Any) -> None:
         super().__init__(function)
         files = sorted({called.__code__.co_filename for called in _called(function)})
-        self._cache_file._source_stamp = [(file, os.stat(file).st_mtime_ns) for file in files]
+        self._cache_file._source_stamp = [(file, Path(file).stat().st_mtime_ns) for file in files]
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         try:
