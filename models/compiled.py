@@ -21,7 +21,7 @@ _intrinsic: Any = intrinsic
 def compiled[F: Callable[..., Any]](function: F) -> F:
     """Decorated function, compiled on its first call, that releases the interpreter's lock."""
     dispatcher: Any = numba.njit(**_OPTIONS)(function)
-    with suppress(RuntimeError, OSError):  # neither beside the file nor in the user's cache folder can anything be written
+    with suppress(RuntimeError, OSError):  # no folder can be written, or there is no file
         dispatcher._cache = _Cache(function)
     return dispatcher
 
