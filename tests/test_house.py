@@ -70,7 +70,7 @@ EDGES = {
     ),
     "jinja2": ("analysis/page/html.py",),
     "lazy_loader": ("solidtouch/__init__.py",),
-    "llvmlite": ("models/compiled.py",),
+    "llvmlite": ("models/compiled.py", "models/vectors.py"),
     "markupsafe": ("analysis/page/html.py",),
     "matplotlib": (
         "analysis/*/figure*_*.py",
@@ -80,7 +80,7 @@ EDGES = {
     ),
     "mcap": ("hardware/recording/recording.py", "models/io/rig_reader.py"),
     "mpmath": ("analysis/conformance/exact.py",),
-    "numba": ("models/compiled.py",),
+    "numba": ("models/compiled.py", "models/vectors.py"),
     "numpyro": (
         "analysis/audit/variance/gains.py",
         "inference/engines/enumeration.py",
