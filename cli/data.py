@@ -105,7 +105,7 @@ def convert(
         rate_hz=rate,
     )
     labelled.save(target, force)
-    n, j, k = labelled.taps.shape
+    n, j, k = labelled.samples.shape
     taps = f"{n} tap{'s' * (n != 1)} of {j} sample{'s' * (j != 1)}"
     typer.echo(f"{target}: {taps} from {k} taxel{'s' * (k != 1)}.")
 

@@ -12,7 +12,7 @@ from .grid import ClassGrid
 from .io.load import TapSource, names_of, taps_of
 from .settings import Division
 from .taps import TapSet, check_compatible
-from .training import tap_digests, without_training
+from .training import without_training
 
 Method = Literal["sessions", "leave-one-session-out", "halves", "parity"]
 METHODS: tuple[str, ...] = get_args(Method)
@@ -105,7 +105,7 @@ def untrained(parts: Split, keep: bool = False) -> Split:
     """
     folds, told = [], [parts.warning] if parts.warning else []
     for fold in parts.folds:
-        taps, sentence = without_training(fold.test, tap_digests(fold.train.taps), keep)
+        taps, sentence = without_training(fold.test, fold.train.digests, keep)
         folds.append(replace(fold, test=taps))
         if sentence:
             told.append(sentence if len(parts.folds) == 1 else f"{fold.name.capitalize()}: {sentence}")
@@ -251,12 +251,12 @@ def load_experiment(data: Sequence[TapSource], division: Division | None = None)
 
 def missing_sentence(taps: Sequence[TapSet], name: str) -> str:
     """How many samples are missing, and which taxels have none; empty if none is missing."""
-    missing = np.concatenate([np.isnan(part.taps) for part in taps])
+    missing, J = np.concatenate([part.lacking for part in taps]), taps[0].samples.shape[1]
     if not missing.any():
         return ""
-    dead = ", ".join(map(str, np.flatnonzero(missing.all(axis=(0, 1)))))
+    dead = ", ".join(map(str, np.flatnonzero((missing == J).all(axis=0))))
     none = f"; taxels without any: {dead}" if dead else ""
-    return f"{missing.mean():.1%} of the samples of the {name} are missing and left out{none}."
+    return f"{missing.mean() / J:.1%} of the samples of the {name} are missing and left out{none}."
 
 
 def parse_sessions(text: str | None, option: str) -> list[int] | None:

@@ -82,12 +82,17 @@ def write_groups(groups: "Mapping[str, xr.Dataset]", path: str | Path, force: bo
         xr.DataTree.from_dict(groups).to_netcdf(temporary, engine="h5netcdf")
 
 
-def read_groups(path: str | Path, names: Iterable[str]) -> "dict[str, xr.Dataset]":
+ON_DISK = 1 << 28
+"""Bytes above which samples stay on disk."""
+
+
+def read_groups(path: str | Path, names: Iterable[str], on_disk: str = "") -> "dict[str, xr.Dataset]":
     """Groups of a netCDF file by name, fully read; empty ones for those that the file lacks.
 
     Args:
         path: The file.
         names: Names of the groups; that of the root is "/".
+        on_disk: Name of a variable that stays on disk if it is large; the file then stays open.
 
     Raises:
         InputError: The file is missing, a folder, truncated or not netCDF.
@@ -104,14 +109,22 @@ def read_groups(path: str | Path, names: Iterable[str]) -> "dict[str, xr.Dataset
         with h5py.File(path, "r") as file:
             file.visititems(lambda *_: None)  # if this fails, xarray would leave the file open
             there = {name for name in names if name in file}
-        return {
-            name: xr.load_dataset(path, group=name, engine="h5netcdf", decode_times=False)
-            if name in there
-            else xr.Dataset()
-            for name in names
-        }
+        return {name: _group(path, name, on_disk) if name in there else xr.Dataset() for name in names}
     except Exception as error:  # on damaged bytes these libraries raise almost any exception
         raise InputError(f"{path}: not a netCDF file, or truncated.") from error
+
+
+def _group(path: Path, name: str, on_disk: str) -> "xr.Dataset":
+    import xarray as xr  # noqa: PLC0415
+
+    dataset = xr.open_dataset(path, group=name, engine="h5netcdf", decode_times=False, cache=False)
+    large = {on_disk} & set(dataset.data_vars) if dataset.nbytes > ON_DISK else set()
+    for each, variable in dataset.variables.items():
+        if each not in large:
+            variable.load()
+    if not large:
+        dataset.close()
+    return dataset
 
 
 def check_netcdf_name(path: str | Path) -> None:

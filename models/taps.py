@@ -23,7 +23,7 @@ Attributes: ``sensor``, ``source``, ``licence``, ``preprocessing`` (JSON), ``for
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
@@ -32,6 +32,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
+from . import storage
+from .blocks import ScaledSamples, extreme_samples, over_blocks, tap_digests, write_in_blocks
 from .errors import InputError, check_numbers
 from .grid import ClassGrid, group, parse_length, values_from_names
 from .preprocessing import Preprocessing
@@ -66,7 +68,8 @@ class TapSet:
     (4, (1, 2), 2)
 
     Attributes:
-        dataset: The labelled arrays.
+        dataset: The labelled arrays; `taps` of a large file stay there until `taps` is asked for, see `blocks`.
+        scanned: The `extremes` of a large recording, which is not read again for them.
 
     Raises:
         InputError: An array is missing, has the wrong shape, holds NaN or infinite values, or labels point
@@ -74,12 +77,17 @@ class TapSet:
     """
 
     dataset: xr.Dataset
+    scanned: NDArray[Any] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         """Checks the dataset."""
         if not isinstance(self.dataset, xr.Dataset):
             raise InputError(f"A TapSet holds an xarray dataset, got {type(self.dataset).__name__}; see from_arrays.")
-        _validate(self.dataset)
+        _check_shapes(self.dataset)
+        extremes = self.extremes
+        _validate(self.dataset, extremes)
+        if self.samples.nbytes > storage.ON_DISK:
+            object.__setattr__(self, "scanned", extremes)
 
     @classmethod
     def from_arrays(
@@ -195,9 +203,40 @@ class TapSet:
             raise InputError(f"The arrays of this tap set do not match: {error}.") from error
 
     @property
+    def samples(self) -> xr.Variable:
+        """Samples in memory or on disk, shape (N, J, K), to be worked on by `blocks.over_blocks`."""
+        return self.dataset.variables["taps"]
+
+    @property
     def taps(self) -> NDArray[np.floating]:
-        """Samples, shape (N, J, K)."""
-        return self.dataset["taps"].values
+        """Samples in memory, shape (N, J, K); those on disk are read and stay in memory."""
+        return self.samples.load().values
+
+    @property
+    def doubles(self) -> Any:
+        """Samples in double precision, shape (N, J, K); made block by block if the recording is large."""
+        return self.taps.astype(np.float64) if self.scanned is None else ScaledSamples(self.samples)
+
+    @property
+    def lacking(self) -> NDArray[np.intp]:
+        """Number of missing samples of each tap and taxel, shape (N, K)."""
+        if self.missing == "refuse":
+            return np.zeros((len(self), self.samples.shape[2]), np.intp)
+        return np.concatenate(list(over_blocks(self.samples, lambda block, _: np.isnan(block).sum(axis=1))))
+
+    @property
+    def extremes(self) -> NDArray[Any]:
+        """Lowest and highest sample of each tap and taxel, shape (N, 2, K), NaN where all are missing."""
+        return extreme_samples(self.samples, self.missing == "drop") if self.scanned is None else self.scanned
+
+    @property
+    def digests(self) -> NDArray[np.uint64]:
+        """Digest of each tap, see `blocks.tap_digests`, shape (N,)."""
+        return tap_digests(self.samples) if self.scanned is None else self._digests
+
+    @cached_property
+    def _digests(self) -> NDArray[np.uint64]:
+        return tap_digests(self.samples)
 
     @property
     def what(self) -> NDArray[np.int64]:
@@ -240,6 +279,11 @@ class TapSet:
         return "drop" if self.dataset.attrs.get("missing") == "drop" else "refuse"
 
     @property
+    def tap_shape(self) -> tuple[int, int]:
+        """Numbers of samples and taxels of a tap, (J, K)."""
+        return self.dataset.sizes["sample"], self.dataset.sizes["taxel"]
+
+    @property
     def simulated(self) -> bool:
         """Whether the taps come from a simulated rig."""
         return str(self.dataset.attrs.get("source", "")).startswith("simulated")
@@ -260,7 +304,7 @@ class TapSet:
             index = np.flatnonzero(index)
         if index.dtype.kind not in "iu" or not ((-len(self) <= index) & (index < len(self))).all():
             raise InputError(f"Taps are selected by a mask or by indices from 0 to {len(self) - 1}.")
-        return type(self)(self.dataset.isel(tap=index))
+        return type(self)(self.dataset.isel(tap=index), None if self.scanned is None else self.scanned[index])
 
     def grid(self, where_cell: str | None = None, what_cell: str | None = None) -> ClassGrid:
         """Class grid of the tables, optionally grouped into cells, or with finer positions.
@@ -348,7 +392,10 @@ class TapSet:
         """
         check_netcdf_name(check_writable(path, force))
         with complete_file(path, force) as temporary:
-            self.dataset.to_netcdf(temporary, engine="h5netcdf")
+            if self.samples.nbytes > storage.ON_DISK:
+                write_in_blocks(self.dataset, "taps", temporary)
+            else:
+                self.dataset.to_netcdf(temporary, engine="h5netcdf")
 
     @classmethod
     def load(cls, path: str | Path, missing: Missing = "refuse") -> Self:
@@ -361,7 +408,7 @@ class TapSet:
         Raises:
             InputError: The file is missing, damaged or not a tap set.
         """
-        dataset = read_groups(path, "/")["/"]
+        dataset = read_groups(path, "/", on_disk="taps")["/"]
         if dataset.attrs.get("format") != FORMAT or "taps" not in dataset:
             raise InputError(f"{path}: not a tap set of format {FORMAT}.")
         try:
@@ -388,7 +435,8 @@ def concatenate(parts: Sequence[TapSet], names: Sequence[str] | None = None) -> 
     dataset = xr.concat(
         [part.dataset for part in parts], dim="tap", data_vars="minimal", coords="minimal", compat="override"
     )
-    return TapSet(dataset)
+    scanned = [part.scanned for part in parts if part.scanned is not None]
+    return TapSet(dataset, np.concatenate(scanned) if len(scanned) == len(parts) else None)
 
 
 def check_compatible(train: TapSet, test: TapSet, train_name: str = "TRAIN", test_name: str = "TEST") -> None:
@@ -427,7 +475,8 @@ def with_all_places(taps: Sequence[TapSet]) -> Sequence[TapSet]:
     every = np.unique(np.concatenate([table.values for table in tables]))
     column = ("where_class", every, tables[0].attrs)
     places = ("where_value", "where_edges")
-    return [TapSet(part.dataset.drop_vars(places, errors="ignore").assign_coords(where_value=column)) for part in taps]
+    plain = (part.dataset.drop_vars(places, errors="ignore").assign_coords(where_value=column) for part in taps)
+    return [TapSet(dataset, part.scanned) for dataset, part in zip(plain, taps, strict=True)]
 
 
 def _coarser(
@@ -461,12 +510,22 @@ def check_missing(missing: str) -> None:
         raise InputError(f"missing must be refuse or drop, got {missing!r}.")
 
 
-def _validate(dataset: xr.Dataset) -> None:
+def _check_shapes(dataset: xr.Dataset) -> None:
+    """Checks that there are samples of all taps."""
     _check_dims(dataset)
-    sizes = dataset.sizes
+    sizes, kind = dataset.sizes, dataset.variables["taps"].dtype
     if min(sizes["tap"], sizes["sample"], sizes["taxel"]) < 1:
         raise InputError(f"taps must not be empty, got shape {dataset['taps'].shape}.")
-    _check_finite("taps", dataset["taps"].values, dataset.attrs.get("missing") == "drop")
+    if kind.kind not in "fiub":
+        raise InputError(f"taps must hold numbers, got {kind}.")
+
+
+def _validate(dataset: xr.Dataset, extremes: NDArray[Any]) -> None:
+    sizes, may_miss = dataset.sizes, dataset.attrs.get("missing") == "drop"
+    wrong = (np.isinf(extremes) if may_miss else ~np.isfinite(extremes)).any(axis=(1, 2))
+    if wrong.any():
+        tap = int(wrong.argmax())
+        _check_finite("taps", dataset.variables["taps"][tap : tap + 1].values, may_miss, tap)
     for name in ("where", "what_value", "where_value", "where_edges", "taxel_position"):
         if name in dataset.variables:
             _check_finite(name, dataset[name].values)
@@ -498,12 +557,13 @@ def _check_dims(dataset: xr.Dataset) -> None:
             raise InputError(f"Missing array {name}.")
 
 
-def _check_finite(name: str, values: NDArray[Any], may_miss: bool = False) -> None:
+def _check_finite(name: str, values: NDArray[Any], may_miss: bool = False, first: int = 0) -> None:
+    """Checks values, of which the first has this index."""
     if values.dtype.kind not in "fiub":
         raise InputError(f"{name} must hold numbers, got {values.dtype}.")
     bad = np.argwhere(np.isinf(values) if may_miss else ~np.isfinite(values))
     if len(bad):
-        place = ", ".join(str(int(i)) for i in bad[0])
+        place = ", ".join(str(int(i)) for i in bad[0] + first * (np.arange(bad.shape[1]) == 0))
         value = values[tuple(bad[0])]
         raise InputError(f"{name}[{place}] is {value}; {not_finite(value, sample=name == 'taps')}")
 

@@ -1,6 +1,5 @@
 """Digests of taps, and exclusion of test taps that trained the model, which would bias errors downwards."""
 
-import hashlib
 from collections.abc import Sequence
 
 import numpy as np
@@ -8,15 +7,6 @@ from numpy.typing import NDArray
 
 from .errors import InputError
 from .taps import TapSet
-
-_BYTES = 8
-
-
-def tap_digests(taps: NDArray[np.floating]) -> NDArray[np.uint64]:
-    """Digest of each tap (N, J, K), equal for equal values in single or double precision, shape (N,)."""
-    digests = (hashlib.blake2b(np.asarray(tap, np.float64).tobytes(), digest_size=_BYTES).digest() for tap in taps)
-    return np.frombuffer(b"".join(digests), dtype="<u8").astype(np.uint64)
-
 
 _MOST = 2 / 3
 """A session with a larger fraction of training taps is left out entirely; one split by parity or halves is not."""
@@ -33,10 +23,11 @@ def training_taps(taps: TapSet, training: NDArray[np.uint64]) -> NDArray[np.bool
 
     Args:
         taps: The taps, N of them.
-        training: Digests of the training taps, see `tap_digests`.
+        training: Digests of the training taps, see `blocks.tap_digests`.
     """
     digest, count = np.unique(training, return_counts=True)
-    known = np.isin(tap_digests(taps.taps), digest[count == 1]) & ~np.isnan(taps.taps).all(axis=(1, 2))
+    empty = (taps.lacking == taps.samples.shape[1]).all(axis=1)
+    known = np.isin(taps.digests, digest[count == 1]) & ~empty
     chance = count[count > 1].sum() > _FEW * len(training)
     result = known & (not chance)
     for session in np.unique(taps.session):

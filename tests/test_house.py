@@ -58,6 +58,7 @@ EDGES = {
     "arviz_stats": ("analysis/compare/taps.py",),
     "dask": ("analysis/sweep/dask.py",),
     "distributed": ("analysis/sweep/dask.py",),
+    "h5netcdf": ("models/blocks.py",),
     "h5py": ("models/io/mat.py", "models/storage.py"),
     "jax": (
         "analysis/audit/variance/gains.py",

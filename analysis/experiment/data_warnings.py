@@ -1,15 +1,19 @@
 """Data-quality warnings of tap sets: each function checks one problem and yields a sentence if it occurs."""
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...models.blocks import over_blocks
 from ...models.grid import ClassGrid
 from ...models.splits import Fold
 from ...models.taps import TapSet, concatenate
 
 FEW = 5  # distinct taps per class, below which a histogram is mostly empty
+_STAYING, _INWARDS = 3, 4  # taps that stay at a limit, and values compared there
 _NAMED = 6  # how many cells, classes or taxels a sentence names before it only counts
 
 
@@ -97,8 +101,7 @@ def _sessions(
 
 def _few(taps: TapSet, cells: NDArray[np.intp], inside: NDArray[np.bool_], grid: ClassGrid) -> Iterator[str]:
     """Distinct taps: exact copies count once."""
-    content = np.array([hash(tap.tobytes()) for tap in taps.taps[inside]], dtype=np.int64)
-    session = taps.session[inside]
+    content, session = taps.digests[inside].view(np.int64), taps.session[inside]
     distinct = np.unique(np.stack([cells, session, content]), axis=1)
     if distinct.shape[1] < len(cells):
         yield f"{len(cells) - distinct.shape[1]} taps are exact copies of another tap of the same class and session."
@@ -160,28 +163,29 @@ def in_blocks(classes: ArrayLike) -> bool:
 
 
 def _taxels(taps: TapSet) -> Iterator[str]:
-    constant, saturated = constant_taxels(taps.taps), saturated_taxels(taps.taps)
+    constant, saturated = constant_taxels(taps.extremes), saturated_taxels(taps.samples, taps.extremes)
+    K = taps.samples.shape[2]
     if constant:
-        yield f"{len(constant)} of {taps.taps.shape[2]} taxels are constant: {_named(constant)}."
+        yield f"{len(constant)} of {K} taxels are constant: {_named(constant)}."
     if saturated:
         yield (
-            f"{len(saturated)} of {taps.taps.shape[2]} taxels may be saturated (they stay at an extreme that is not "
+            f"{len(saturated)} of {K} taxels may be saturated (they stay at an extreme that is not "
             f"their idle level): {_named(saturated)}."
         )
 
 
-def taxel_ranges(taps: NDArray[np.floating]) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-    """Lowest and highest value of each taxel, shape (K,), `taps` of shape (N, J, K)."""
-    return taps.min(axis=0).min(axis=0), taps.max(axis=0).max(axis=0)  # faster than over both axes at once
+def taxel_ranges(extremes: NDArray[np.floating]) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+    """Lowest and highest value of each taxel, shape (K,), from those of each tap, see `TapSet`."""
+    return np.fmin.reduce(extremes[:, 0]), np.fmax.reduce(extremes[:, 1])
 
 
-def constant_taxels(taps: NDArray[np.floating]) -> tuple[int, ...]:
-    """The taxels that have one value in all taps, `taps` of shape (N, J, K)."""
-    low, high = taxel_ranges(taps)
+def constant_taxels(extremes: NDArray[np.floating]) -> tuple[int, ...]:
+    """The taxels that have one value in all taps; argument as for `taxel_ranges`."""
+    low, high = taxel_ranges(extremes)
     return tuple(np.flatnonzero(low == high).tolist())
 
 
-def saturated_taxels(taps: NDArray[np.floating]) -> tuple[int, ...]:
+def saturated_taxels(samples: Any, extremes: NDArray[np.floating]) -> tuple[int, ...]:
     """The taxels whose values are cut off at an extreme.
 
     A taxel is taken for saturated at its lowest or highest value `e` when all of this holds:
@@ -197,27 +201,40 @@ def saturated_taxels(taps: NDArray[np.floating]) -> tuple[int, ...]:
     Limits that were moved tap by tap, by a tare or a high-pass, are not found.
 
     Args:
-        taps: Samples, shape (N, J, K).
+        samples: Shape (N, J, K), in memory or on disk.
+        extremes: Lowest and highest sample of each tap and taxel, shape (N, 2, K).
     """
-    low, high = taxel_ranges(taps)
-    span = high - low
-    moving = np.flatnonzero((span > 0) & (span >= span.max() / 10))
-    return tuple(k for k in moving.tolist() if _is_saturated(taps[:, :, k].copy()))
+    ends, J = np.stack(taxel_ranges(extremes)), samples.shape[1]
+    span, idle = ends[1] - ends[0], np.median(np.asarray(samples[:, 0]), axis=0)
+    possible = (span > 0) & (span >= np.fmax.reduce(span) / 10) & (abs(ends - idle) >= span / 2)
+    reaches = extremes == ends
+    sides = np.argwhere(possible & (reaches.sum(axis=0) >= _STAYING)).tolist()  # with noise there are none
+    stay = min(J, max(3, -(-J // 10)))
+
+    def looked_at(block: NDArray[np.floating], which: slice) -> list[tuple[int, Counter[float]]]:
+        found = []
+        for end, k in sides:
+            reaching = block[reaches[which, end, k], :, k]
+            staying = np.count_nonzero(_longest_run(reaching == ends[end, k]) >= stay)
+            found.append((staying, _counts_inwards(block[:, :, k], end)))
+        return found
+
+    if not sides:
+        return ()
+    saturated = set()
+    for (end, k), parts in zip(sides, zip(*over_blocks(samples, looked_at), strict=True), strict=True):
+        total: Counter[float] = sum((counts for _, counts in parts), Counter())
+        at_end, *next_counts = (total[value] for value in sorted(total, reverse=end == 1)[:_INWARDS])
+        if sum(staying for staying, _ in parts) >= _STAYING and at_end > sum(next_counts):
+            saturated.add(k)
+    return tuple(sorted(saturated))
 
 
-def _is_saturated(samples: NDArray[np.floating]) -> bool:
-    """Whether one taxel's samples, shape (N, J), are cut off."""
-    low, high = samples.min(), samples.max()
-    idle, span = np.median(samples[:, 0]), high - low
-    stay = min(samples.shape[1], max(3, -(-samples.shape[1] // 10)))
-    for extreme, inwards in ((low, slice(None)), (high, slice(None, None, -1))):
-        at_extreme = samples == extreme
-        if abs(extreme - idle) < span / 2 or np.count_nonzero(_longest_run(at_extreme) >= stay) < 3:
-            continue
-        next_counts = np.unique(samples, return_counts=True)[1][inwards][:4]
-        if next_counts[0] > next_counts[1:].sum():
-            return True
-    return False
+def _counts_inwards(samples: NDArray[np.floating], end: int) -> Counter[float]:
+    """How often the lowest values occur, or for end 1 the highest ones."""
+    values, counts = np.unique(samples[~np.isnan(samples)], return_counts=True)
+    kept = slice(-_INWARDS, None) if end else slice(_INWARDS)
+    return Counter(dict(zip(values[kept].tolist(), counts[kept].tolist(), strict=True)))
 
 
 def _longest_run(at_extreme: NDArray[np.bool_]) -> NDArray[np.intp]:

@@ -14,7 +14,7 @@ from ...models.io.load import TapSource, names_of, taps_of
 from ...models.settings import Division
 from ...models.splits import rank_in_class
 from ...models.taps import TapSet, check_alike, concatenate
-from ...models.training import tap_digests, without_training
+from ...models.training import without_training
 
 _HALVED = (
     "Tuning and measuring taps are the odd and even taps of the same session, so tuned values fit that session better "
@@ -98,7 +98,7 @@ def audit_parts(
     parts, session_names = numbered(taps, names)
 
     def fresh(train: TapSet, *others: TapSet) -> list[TapSet]:
-        known, found = tap_digests(train.taps), []
+        known, found = train.digests, []
         for other in others:
             rest, sentence = without_training(other, known, training_taps, session_names)
             found.append(rest)
@@ -124,7 +124,7 @@ def audit_parts(
     if halved:
         warnings.append(_HALVED)
     _check(grid, train, tune, measure)
-    copies = np.isin(tap_digests(measure.taps), np.concatenate([tap_digests(other.taps) for other in tune])).sum()
+    copies = np.isin(measure.digests, np.concatenate([other.digests for other in tune])).sum()
     if copies:
         warnings.append(f"{copies} of the {len(measure)} measuring taps are also tuning taps.")
     return AuditParts(train, tune, measure, session_names, description, tuple(warnings), halved)

@@ -52,11 +52,11 @@ class Inspection:
 def inspect_taps(taps: TapSet, grid: ClassGrid) -> Inspection:
     """The facts about a tap set, its taps counted in the classes of `grid`."""
     sessions = np.unique(taps.session)
-    low, high = taxel_ranges(taps.taps)
+    low, high = taxel_ranges(taps.extremes)
     extra = [str(name) for name in taps.dataset.data_vars if name != "taps"]
     attributes = {name: str(taps.dataset.attrs.get(name, "")) for name in ("sensor", "source", "licence")}
     return Inspection(
-        size=(taps.taps.shape[0], taps.taps.shape[1], taps.taps.shape[2]),
+        size=(len(taps), *taps.tap_shape),
         sessions=tuple(sessions.tolist()),
         where_label=tuple(f"{value:g}" for value in grid.where_value),
         what_label=grid.what_name,
@@ -65,8 +65,8 @@ def inspect_taps(taps: TapSet, grid: ClassGrid) -> Inspection:
         low=low,
         high=high,
         units=taps.dataset["taps"].attrs.get("units", ""),
-        constant=constant_taxels(taps.taps),
-        saturated=saturated_taxels(taps.taps),
+        constant=constant_taxels(taps.extremes),
+        saturated=saturated_taxels(taps.samples, taps.extremes),
         preprocessing=_chosen(taps.preprocessing),
         attributes={**attributes, "further arrays": ", ".join(extra)},
         warnings=tuple(data_warnings(taps, grid)),

@@ -35,7 +35,7 @@ from ...models.setting_file import Setting
 from ...models.settings import Division, FitSettings, PlaySettings
 from ...models.storage import check_writable
 from ...models.taps import TapSet
-from ...models.training import tap_digests, untrained_taps
+from ...models.training import untrained_taps
 from ..page.page import Brief, Page
 from ..stats.metrics import CONFIDENCE
 from .run import Price, check_objects, check_price
@@ -325,7 +325,7 @@ def _setup(rig: str | Rig | None, setting: Setting, price: Price, taps: TapSet) 
     """Everything else that costs depend on; the object may change from call to call."""
     free = ("threshold", "fixation", "passive", "note")
     chosen = {name.replace("_", " "): str(value) for name, value in setting.values().items() if name not in free}
-    digest = np.bitwise_xor.reduce(tap_digests(taps.taps))
+    digest = np.bitwise_xor.reduce(taps.digests)
     return {
         "rig": rig if isinstance(rig, str) else getattr(rig, "__name__", "held-out taps" if rig is None else "own"),
         "cost of an error": f"{price.cost_error:g} taps",

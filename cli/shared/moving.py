@@ -20,7 +20,6 @@ from ...models.io.recording import naming
 from ...models.measurement.model import TapModel
 from ...models.settings import PlaySettings
 from ...models.taps import concatenate
-from ...models.training import tap_digests
 
 
 class Moves(NamedTuple):
@@ -58,7 +57,7 @@ def load_outcomes(model: TapModel, training: Sequence[Path] | None, move: str, s
     with naming(f"--training {', '.join(map(str, training))}"):
         taps = concatenate([load_taps(file) for file in training])
         outcomes = training_outcomes(model, taps)
-    known = int(np.isin(model.training, tap_digests(taps.taps)).sum())
+    known = int(np.isin(model.training, taps.digests).sum())
     if known < len(model.training):
         print(
             f"Note: --training contains {known} of the {len(model.training)} taps that trained the model.",

@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 from ...models.errors import InputError
 from ...models.measurement.model import TapModel
 from ...models.taps import TapSet
-from ...models.training import tap_digests
 from ..information import (
     ABOUT,
     About,
@@ -41,7 +40,7 @@ def training_outcomes(model: TapModel, taps: TapSet) -> TapOutcomes:
         InputError: None of them trained the model, or their preprocessing differs.
     """
     model.check_taps(taps.preprocessing)
-    trained = np.isin(tap_digests(taps.taps), model.training)
+    trained = np.isin(taps.digests, model.training)
     if not trained.any():
         raise InputError(
             f"The strategy needs the training taps of the model, but none of these {len(taps)} taps trained it."

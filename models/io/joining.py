@@ -7,7 +7,6 @@ import numpy as np
 
 from ..errors import InputError
 from ..taps import TapSet, check_alike, concatenate, with_all_places
-from ..training import tap_digests
 
 _TABLES = ("where_value", "where_edges", "what_value", "taxel_position", "time")
 
@@ -33,7 +32,7 @@ def joined(taps: Sequence[TapSet], names: Sequence[str]) -> TapSet:
 def _check_apart(taps: Sequence[TapSet], names: Sequence[str]) -> None:
     known: dict[int, str] = {}
     for part, name in zip(taps, names, strict=True):
-        digests = tap_digests(part.taps).tolist()
+        digests = part.digests.tolist()
         shared = [known[digest] for digest in digests if digest in known]
         if shared:
             raise InputError(f"{name}: {len(shared)} taps are also in {shared[0]}.")
@@ -45,7 +44,7 @@ def numbered(taps: Sequence[TapSet], names: Sequence[str]) -> tuple[list[TapSet]
     parts, called = [], []
     for part, name in zip(_with_one_table(taps), names, strict=True):
         sessions, index = np.unique(part.session, return_inverse=True)
-        parts.append(TapSet(part.dataset.assign_coords(session=("tap", index + len(called)))))
+        parts.append(TapSet(part.dataset.assign_coords(session=("tap", index + len(called))), part.scanned))
         called += [name] if len(sessions) == 1 and len(taps) > 1 else [f"{name} session {s}" for s in sessions]
     return parts, tuple(called)
 
@@ -59,7 +58,8 @@ def _with_one_table(taps: Sequence[TapSet]) -> list[TapSet]:
         TapSet(
             part.dataset.drop_vars([*_TABLES, *(set(part.dataset.data_vars) - shared)], errors="ignore").assign_coords(
                 tables
-            )
+            ),
+            part.scanned,
         )
         for part in taps
     ]
@@ -109,4 +109,4 @@ def relabel(
         dataset.attrs["preprocessing"] = record.to_json()
         time = np.arange(record.samples) / rate_hz
         dataset = dataset.assign_coords(time=("sample", time, {"units": "s"}))
-    return TapSet(dataset)
+    return TapSet(dataset, taps.scanned)

@@ -5,8 +5,6 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
-import numpy as np
-
 from ..errors import InputError
 from ..settings import Missing
 from ..taps import TapSet, check_missing, concatenate
@@ -73,8 +71,8 @@ def taps_of(source: TapSource, missing: Missing = "refuse") -> TapSet:
     if not isinstance(source, TapSet):
         return load_taps(source, missing)
     check_missing(missing)
-    if missing == "refuse" and source.missing == "drop" and np.isnan(source.taps).any():
-        lacking = int(np.isnan(source.taps).any(axis=(1, 2)).sum())
+    if missing == "refuse" and source.lacking.any():
+        lacking = int(source.lacking.any(axis=1).sum())
         raise InputError(
             f'{lacking} of {len(source)} taps have missing samples; use missing="drop" where a function has it.'
         )

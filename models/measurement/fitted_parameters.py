@@ -15,7 +15,6 @@ from ..errors import InputError
 from ..grid import ClassGrid
 from ..settings import FitSettings, likelihood_exponent
 from ..taps import TapSet
-from ..training import tap_digests
 from .fits.priors import Taps
 from .likelihood.bins import bin_edges
 from .likelihood.forecasts import log_mean
@@ -29,9 +28,11 @@ if TYPE_CHECKING:
 
 
 def training(
-    taps: TapSet, grid: ClassGrid, settings: FitSettings, trained_on: str
+    taps: TapSet, grid: ClassGrid, settings: FitSettings, trained_on: str, in_blocks: bool = False
 ) -> tuple[TapSet, Taps, dict[str, Any]]:
     """Training taps of the classes of a grid, the same as arrays in their own unit, and what their models keep of them.
+
+    With `in_blocks`, samples of a large recording stay on disk, see `ScaledSamples`.
 
     Raises:
         InputError: There is none, or an argument is out of range.
@@ -41,7 +42,8 @@ def training(
     if not inside.any():
         raise InputError("No training tap belongs to a class of the grid.")
     used = taps if inside.all() else taps.select(inside)
-    known = Taps(used.taps.astype(np.float64), where[inside], what[inside], grid.shape, used.where)
+    samples = used.doubles if in_blocks else used.taps.astype(np.float64)
+    known = Taps(samples, where[inside], what[inside], grid.shape, used.where)
     likelihood_exponent(settings.power, *known.samples.shape[1:])
     if settings.bins < 1:
         raise InputError(f"bins must be at least 1, got {settings.bins}.")
@@ -49,7 +51,7 @@ def training(
     covered[known.where, known.what] = True
     kept = {
         "grid": grid,
-        "edges": bin_edges(used.taps, settings.bins, settings.value_range)
+        "edges": bin_edges(used.extremes, settings.bins, settings.value_range)
         if settings.edges is None
         else settings.edges,
         "covered": covered,
@@ -57,7 +59,7 @@ def training(
         "preprocessing": taps.preprocessing,
         "trained_on": trained_on,
         "version": version("solidtouch"),
-        "training": tap_digests(used.taps),
+        "training": used.digests,
         "saturation": settings.limit,
     }
     return used, known, kept

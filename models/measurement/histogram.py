@@ -24,9 +24,8 @@ from ..grid import ClassGrid
 from ..progress import Progress, no_progress
 from ..settings import FitSettings, likelihood_exponent
 from ..taps import TapSet
-from ..training import tap_digests
 from .fits.posterior import EXACT, ByClass, Convergence
-from .likelihood.bins import TableForm, bin_edges, count_taps, find_bins, tap_counts
+from .likelihood.bins import TableForm, bin_edges, class_counts, find_bins, tap_counts
 from .likelihood.forecasts import LeftOut
 from .likelihood.shapes import Parameters
 from .likelihood.true_class import Own
@@ -182,7 +181,7 @@ class HistogramModel(TapModel):
 
     def with_scores(self, taps: TapSet) -> "HistogramModel":
         """Model with the novelty scores of its training taps; unchanged with several states or missing samples."""
-        if len(self.states.gain) > 1 or np.isnan(taps.taps).any():
+        if len(self.states.gain) > 1 or taps.lacking.any():
             return self
         B, value_range = self.counts.shape[-1], "global" if self.edges.ndim == 1 else "taxel"
         return replace(self, novelty=novelty_scores(taps, self.grid, B, value_range, self.pseudocount))
@@ -231,9 +230,10 @@ def fit(
     inside = (where >= 0) & (what >= 0)
     if not inside.any():
         raise InputError("No training tap belongs to a class of the grid.")
-    samples = taps.taps if inside.all() else taps.taps[inside]
-    edges = bin_edges(samples, bins, value_range) if edges is None else edges
-    counts = _class_counts(samples, edges, (where * grid.M + what)[inside], (*grid.shape, K, edges.shape[-1] - 1))
+    used = taps if inside.all() else taps.select(inside)
+    edges = bin_edges(used.extremes, bins, value_range) if edges is None else edges
+    own, shape = (where * grid.M + what)[inside], (*grid.shape, K, edges.shape[-1] - 1)
+    counts = class_counts(used.samples, edges, own, shape)
     return HistogramModel(
         grid=grid,
         edges=edges,
@@ -244,7 +244,7 @@ def fit(
         left_out=grid.untouched(counts.sum(axis=(2, 3)) > 0),
         trained_on=trained_on,
         version=version("solidtouch"),
-        training=tap_digests(samples),
+        training=used.digests,
         saturation=float(saturation),
     )
 
@@ -275,18 +275,6 @@ def trim(grid: ClassGrid, taps: Sequence[TapSet]) -> tuple[ClassGrid, tuple[str,
     dropped = [grid.what_name[m] for m in range(grid.M) if m not in objects]
     dropped += [grid.where_label(l) for l in range(grid.L) if l not in kept]
     return grid.select(kept, objects), tuple(dropped)
-
-
-def _class_counts(
-    samples: NDArray[np.floating], edges: NDArray[np.float64], own: NDArray[np.intp], shape: tuple[int, int, int, int]
-) -> NDArray[np.int64]:
-    from .likelihood.counting import add
-
-    L, M, K, B = shape
-    counts = np.zeros((L * M, K * B), dtype=np.int64)
-    for which, part in count_taps(samples, edges):
-        add(*part, own[which], counts)
-    return counts.reshape(shape)
 
 
 class HistogramPosterior(NamedTuple):

@@ -130,7 +130,7 @@ def fit(taps: Taps, prior: KroneckerPrior | None = None) -> KroneckerPosterior:
     moments, (L, M), (_, J, K) = Moments.of(taps), taps.shape, taps.samples.shape
     known, own = prior, taps.where * M + taps.what
     prior = known or weak_prior(J, K)
-    rows, group, freedom = _rows(moments, own, prior.strength)
+    rows, group, freedom = _rows(moments, moments.residual(taps), own, prior.strength)
     time_freedom = prior.time_freedom + K * float(freedom.sum())
     time = np.eye(J)
     taxel_scale, taxel_freedom = np.broadcast_to(prior.taxel_scale, (L * M, K, K)), prior.taxel_freedom + J * freedom
@@ -195,15 +195,15 @@ def _log_det(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _rows(
-    moments: Moments, own: NDArray[np.intp], strength: float
+    moments: Moments, residual: NDArray[np.float64], own: NDArray[np.intp], strength: float
 ) -> tuple[NDArray[np.float64], NDArray[np.intp], NDArray[np.float64]]:
     """Residual matrices (n, J, K), their classes, and the degrees of freedom."""
     count = moments.taps.ravel()
     if not strength:
-        return moments.residual, own, np.maximum(count - 1, 0.0)
+        return residual, own, np.maximum(count - 1, 0.0)
     mean = moments.mean.reshape(-1, *moments.mean.shape[2:])
     extra = np.sqrt(strength * count / (strength + count))[:, None, None] * mean
-    return np.concatenate([moments.residual, extra]), np.concatenate([own, np.arange(len(count))]), count
+    return np.concatenate([residual, extra]), np.concatenate([own, np.arange(len(count))]), count
 
 
 def _whitened(time: NDArray[np.float64], rows: NDArray[np.float64]) -> NDArray[np.float64]:

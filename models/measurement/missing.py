@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import InputError
-from .fits.priors import Taps
+from .scaling import Moments
 
 _CAN = "histogram, gaussian, student, profile and functions with independent samples can."
 
@@ -24,23 +24,23 @@ def refuse_missing(name: str, samples: NDArray[np.floating]) -> None:
         raise InputError(f"Samples are missing, and {name} cannot be fitted without them; {_CAN}")
 
 
-def refuse_empty(name: str, taps: Taps, by_time: bool) -> None:
+def refuse_empty(name: str, moments: Moments, by_time: bool) -> None:
     """Checks that every class with taps has samples of each taxel that has any.
 
     A flat level of one that has none would be anywhere.
 
     Args:
         name: Name of the model.
-        taps: Training taps.
+        moments: Those of the training taps.
         by_time: Whether the model has a level for each time.
 
     Raises:
         InputError: A class has none; the message names it.
     """
-    present = ~np.isnan(taps.samples) if by_time else ~np.isnan(taps.samples).all(axis=1, keepdims=True)
-    alive = present.any(axis=0)
-    for l, m in np.unique(np.stack((taps.where, taps.what), axis=1), axis=0):
-        empty = alive & ~present[(taps.where == l) & (taps.what == m)].any(axis=0)
+    present = moments.samples > 0 if by_time else moments.samples.any(axis=2, keepdims=True)
+    alive = present.any(axis=(0, 1))
+    for l, m in np.argwhere(moments.taps):
+        empty = alive & ~present[l, m]
         if empty.any():
             j, k = np.argwhere(empty)[0]
             at = f" at sample {j}" if by_time else ""

@@ -59,7 +59,8 @@ class TapModel(ABC):
         trained_on: Description of the training taps.
         version: Version of this software that fitted it.
         novelty: How badly the training taps fit their classes; without it no tap can be called new.
-        training: Digests of the training taps, see `tap_digests`; none where a file of an older version has none.
+        training: Digests of the training taps, none where a file of an older version has none; see
+            `blocks.tap_digests`.
         states: What all taps of an episode share and nobody knows before it; one state for most models.
         draws: Parameters from the posterior over which decisions are integrated; none to decide at one value.
         saturation: How many taps' evidence the taps of an episode carry at most, see `inference.filter`.
@@ -275,7 +276,7 @@ class TapModel(ABC):
         """Model that drops samples that are NaN if these taps do."""
         return self.with_missing("drop") if taps.missing == "drop" else self
 
-    def _check_shape(self, taps: NDArray[np.floating]) -> None:
+    def _check_shape(self, taps: NDArray[np.floating] | xr.Variable) -> None:
         J, K = self.tap_shape
         if taps.shape[-2:] != (J, K):
             raise InputError(f"Taps must have {J} samples and {K} taxels as in the model, got shape {taps.shape}.")
@@ -322,7 +323,7 @@ class TapModel(ABC):
             InputError: They were not, or have not.
         """
         self.check_taps(taps.preprocessing)
-        self._check_shape(taps.taps)
+        self._check_shape(taps.samples)
 
     def trained_with(self, taps: "TapSet") -> int:
         """Number of these taps that trained the model, as far as known; see `training.training_taps`."""

@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import rel_entr, xlogy
 
-from .likelihood.bins import bin_edges, find_bins, tap_counts
+from ..blocks import over_blocks
+from .likelihood.bins import bin_edges, class_counts, find_bins, tap_counts
 
 if TYPE_CHECKING:
     from ..grid import ClassGrid
@@ -96,20 +97,22 @@ def novelty_scores(
     L, M, K, B = *grid.shape, taps.dataset.sizes["taxel"], bins
     where, what = taps.indices(grid)
     inside = np.flatnonzero((where >= 0) & (what >= 0))
-    cell, samples = (where * M + what)[inside], taps.taps[inside]
+    cell = (where * M + what)[inside]
     calibrates = calibrating(cell, taps.session[inside])
-    edges = bin_edges(samples[~calibrates], B, value_range)
-    reference = np.zeros((L * M, K, B), dtype=np.int64)
-    start, own = 0, cell[~calibrates]
-    for part in tap_counts(find_bins(samples[~calibrates], edges), B):
-        np.add.at(reference, own[start : start + len(part)], part.reshape(-1, K, B).astype(np.int64))
-        start += len(part)
-    scores, start, own = [np.empty(0)], 0, cell[calibrates]
-    for part in tap_counts(find_bins(samples[calibrates], edges), B):
-        rest = reference[own[start : start + len(part)]]
-        scores.append(misfit(part.reshape(-1, K, B), rest, pseudocount))
-        start += len(part)
-    return NoveltyScores(reference.reshape(L, M, K, B), edges, np.concatenate(scores), own)
+    rest, own = taps.select(inside[~calibrates]), cell[calibrates]
+    edges = bin_edges(rest.extremes, B, value_range)
+    reference = class_counts(rest.samples, edges, cell[~calibrates], (L, M, K, B))
+    by_cell = reference.reshape(L * M, K, B)
+
+    def scored(block: NDArray[np.floating], which: slice) -> NDArray[np.float64]:
+        known, parts = by_cell[own[which]], []
+        for part in tap_counts(find_bins(block, edges), B):
+            start = sum(map(len, parts))
+            parts.append(misfit(part.reshape(-1, K, B), known[start : start + len(part)], pseudocount))
+        return np.concatenate(parts)
+
+    held_out = taps.samples[inside[calibrates]]
+    return NoveltyScores(reference, edges, np.concatenate([np.empty(0), *over_blocks(held_out, scored)]), own)
 
 
 def calibrating(cell: NDArray[np.intp], session: NDArray[np.integer]) -> NDArray[np.bool_]:

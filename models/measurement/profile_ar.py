@@ -15,7 +15,7 @@ from .likelihood.forecasts import Unseen, slopes_integrated
 from .likelihood.forms import GaussianForm
 from .likelihood.shapes import NO_TAXEL, Measure, Parameters, chain_form
 from .model import Row
-from .scaling import Moments, sum_by
+from .scaling import Moments, class_sums
 from .story import Story
 
 _GRID, _REACH = 101, 8.0  # points, and standard deviations to either side of the mode
@@ -104,17 +104,21 @@ class Series(NamedTuple):
     @classmethod
     def of(cls, taps: Taps) -> "Series":
         """Statistics of training taps."""
-        moments, (L, M) = Moments.of(taps), taps.shape
-        product = np.zeros_like(moments.residual)
-        product[:, 1:] = moments.residual[:, 1:] * moments.residual[:, :-1]
-        product = sum_by(taps.where * M + taps.what, product, L * M).reshape(moments.mean.shape)
+        moments = Moments.of(taps)
+
+        def products(_: NDArray[np.float64], which: slice) -> NDArray[np.float64]:
+            residual = moments.residual(taps, which)
+            product = np.zeros_like(residual)
+            product[:, 1:] = residual[:, 1:] * residual[:, :-1]
+            return product
+
         return cls(
             moments.taps[..., None, None],
             moments.mean,
             _delayed(moments.mean),
             moments.square,
             _delayed(moments.square),
-            product,
+            class_sums(taps, products),
         )
 
     def innovations(self, rho: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

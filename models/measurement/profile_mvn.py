@@ -119,8 +119,8 @@ def fit(taps: Taps, prior: CellPrior | None = None) -> MvnPosterior:
     """
     if prior is not None and np.any(np.asarray(prior.level) != 0):
         raise ValueError("The prior of profile-mvn must expect levels at 0.")
-    moments, (L, M), (_, J, K) = Moments.of(taps), taps.shape, taps.samples.shape
-    scatter = _scatter(moments.residual, taps.where * M + taps.what, L * M).reshape(L, M, J, K, K)
+    moments, (L, M), K = Moments.of(taps), taps.shape, taps.samples.shape[2]
+    scatter = _scatter(moments, taps)
     count = moments.taps[..., None, None]
     # With the prior of a level at 0 the mean acts like a sample more, scaled by this.
     strength = 0.0 if prior is None else prior.strength
@@ -149,13 +149,14 @@ def _uncertain(root: NDArray[np.float64], scatter: NDArray[np.float64]) -> NDArr
     return np.einsum("lmkxy,lmjxy->lmjk", covariance, scatter, optimize=True)
 
 
-def _scatter(residual: NDArray[np.float64], own: NDArray[np.intp], groups: int) -> NDArray[np.float64]:
-    """Scatter of residuals (N, J, K) across taxels, summed per class, shape (groups, J, K, K)."""
-    _, J, K = residual.shape
-    scatter = np.zeros((groups, J, K, K))
-    for c in np.unique(own):
-        members = residual[own == c].swapaxes(0, 1)
-        scatter[c] = members.swapaxes(1, 2) @ members
+def _scatter(moments: Moments, taps: Taps) -> NDArray[np.float64]:
+    """Scatter of residuals across taxels, summed per class, shape (L, M, J, K, K)."""
+    scatter = np.zeros((*moments.mean.shape, taps.samples.shape[2]))
+    for which in taps.over_blocks(lambda _, which: which):
+        residual, where, what = moments.residual(taps, which), taps.where[which], taps.what[which]
+        for l, m in np.unique(np.stack((where, what), axis=1), axis=0):
+            members = residual[(where == l) & (what == m)].swapaxes(0, 1)
+            scatter[l, m] += members.swapaxes(1, 2) @ members
     return scatter
 
 

@@ -1,10 +1,13 @@
 """Scaling of samples to common units for all taxels, so that one prior suits any sensor."""
 
-from typing import NamedTuple, Self
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..blocks import ScaledSamples
 from .fits.priors import Taps
 
 
@@ -22,19 +25,21 @@ class Scaling(NamedTuple):
     @classmethod
     def of(cls, taps: Taps, edges: NDArray[np.float64]) -> Self:
         """Scaling of training taps, in their own unit."""
-        moments, (_, J, K) = Moments.of(taps), taps.samples.shape
+        moments, (N, J, K) = Moments.of(taps), taps.samples.shape
         freedom = np.maximum(np.broadcast_to(moments.samples, moments.mean.shape) - 1, 0).sum(axis=(0, 1, 2))
         within = moments.square.sum(axis=(0, 1, 2)) / np.maximum(freedom, 1.0)
-        present = ~np.isnan(taps.samples)
-        number = present.sum(axis=(0, 1))
-        centre = np.where(present, taps.samples, 0.0).mean(axis=(0, 1)) * (
-            len(taps.samples) * J / np.maximum(number, 1)
-        )
+        total, number = np.zeros(K), np.zeros(K)
+        for added, present in taps.over_blocks(_totals):
+            total, number = total + added, number + present
+        centre = total / (N * J) * (N * J / np.maximum(number, 1))
         return cls(centre, np.maximum(np.sqrt(within), least_deviation(edges, K)))
 
     def scaled(self, taps: Taps) -> Taps:
         """Taps in scaled units."""
-        return taps._replace(samples=(taps.samples - self.centre) / self.unit)
+        samples: Any = taps.samples
+        if isinstance(samples, ScaledSamples):
+            return taps._replace(samples=replace(samples, centre=self.centre, unit=self.unit))
+        return taps._replace(samples=(samples - self.centre) / self.unit)
 
 
 def least_deviation(edges: NDArray[np.float64], K: int) -> NDArray[np.float64]:
@@ -53,36 +58,33 @@ class Moments(NamedTuple):
         samples: How many samples, shape (L, M, J, K), or (L, M, 1, 1) where none is missing.
         mean: Shape (L, M, J, K), 0 for a class without a tap.
         square: Sum of squared deviations from the mean, shape (L, M, J, K).
-        residual: Deviation of each tap from the mean of its class, shape (N, J, K).
     """
 
     taps: NDArray[np.float64]
     samples: NDArray[np.float64]
     mean: NDArray[np.float64]
     square: NDArray[np.float64]
-    residual: NDArray[np.float64]
 
     @classmethod
     def of(cls, taps: Taps) -> Self:
         """Moments of taps of known class."""
-        (L, M), (_, J, K) = taps.shape, taps.samples.shape
-        own = taps.where * M + taps.what
-        number = np.bincount(own, minlength=L * M).astype(np.float64)
-        present = ~np.isnan(taps.samples)
-        whole = present.all()
-        count = number[:, None, None] if whole else sum_by(own, present.astype(np.float64), L * M)
-        mean = sum_by(own, taps.samples if whole else np.where(present, taps.samples, 0.0), L * M) / np.maximum(
-            count, 1
-        )
-        residual = taps.samples - mean[own]
-        square = sum_by(own, residual**2 if whole else np.where(present, residual, 0.0) ** 2, L * M)
-        return cls(
-            number.reshape(L, M),
-            count.reshape(L, M, *count.shape[1:]),
-            mean.reshape(L, M, J, K),
-            square.reshape(L, M, J, K),
-            residual,
-        )
+        L, M = taps.shape
+        number = np.bincount(taps.where * M + taps.what, minlength=L * M).reshape(L, M).astype(np.float64)
+        count, total = number[..., None, None], class_sums(taps, lambda block, _: block)
+        if not (whole := not np.isnan(total).any()):
+            count = class_sums(taps, lambda block, _: ~np.isnan(block))
+            total = class_sums(taps, lambda block, _: np.where(np.isnan(block), 0.0, block))
+        moments = cls(number, count, total / np.maximum(count, 1), total)
+
+        def squares(block: NDArray[np.float64], which: slice) -> NDArray[np.float64]:
+            residual = block - moments.mean[taps.where[which], taps.what[which]]
+            return residual**2 if whole else np.where(np.isnan(residual), 0.0, residual) ** 2
+
+        return moments._replace(square=class_sums(taps, squares))
+
+    def residual(self, taps: Taps, which: slice = slice(None)) -> NDArray[np.float64]:
+        """Deviations of taps from the means of their classes, shape (n, J, K)."""
+        return np.asarray(taps.samples[which]) - self.mean[taps.where[which], taps.what[which]]
 
     def pooled(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Number, mean and sum of squares of the samples of all times, broadcast over (L, M, 1, K)."""
@@ -105,5 +107,33 @@ def sum_by(group: NDArray[np.intp], values: NDArray[np.float64], groups: int) ->
     present, first = np.unique(group[order], return_index=True)
     total = np.zeros((groups, *values.shape[1:]))
     if len(order):
-        total[present] = np.add.reduceat(values[order], first, axis=0)
+        total[present] = np.add.reduceat(values[order], first, axis=0, dtype=np.float64)
     return total
+
+
+def class_sums(taps: Taps, of: Callable[[NDArray[np.float64], slice], NDArray[Any]]) -> NDArray[np.float64]:
+    """Sums over the taps of each class, shape (L, M, J, K), in the order of the taps.
+
+    Args:
+        taps: Taps of known class.
+        of: From a block of samples, and which taps these are, to the values that are summed, of the same shape.
+    """
+    (L, M), (_, J, K) = taps.shape, taps.samples.shape
+    own = taps.where * M + taps.what
+    if not isinstance(taps.samples, ScaledSamples):
+        return sum_by(own, of(taps.samples, slice(0, len(own))), L * M).reshape(L, M, J, K)
+    from .likelihood.counting import add_rows
+
+    total = np.zeros((L * M, J * K))
+    for which, values in taps.over_blocks(lambda block, which: (which, of(block, which))):
+        add_rows(values.reshape(len(values), J * K).astype(np.float64, copy=False), own[which], total)
+    return total.reshape(L, M, J, K)
+
+
+def _totals(samples: NDArray[np.float64], _: slice) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    """Sum and number of the samples of each taxel that are there, shape (K,) both."""
+    total, number = samples.sum(axis=(0, 1)), np.full(samples.shape[2], samples.shape[0] * samples.shape[1])
+    if not np.isnan(total).any():
+        return total, number
+    present = ~np.isnan(samples)
+    return np.where(present, samples, 0.0).sum(axis=(0, 1)), present.sum(axis=(0, 1))

@@ -21,7 +21,7 @@ from .likelihood.forecasts import Unseen, log_t_probability
 from .likelihood.forms import GaussianForm
 from .likelihood.shapes import NO_TAXEL, Measure, Parameters, chain_form
 from .model import Row
-from .scaling import sum_by
+from .scaling import class_sums, sum_by
 from .story import Story
 
 LENGTHS = tuple(np.geomspace(0.11, 1.6, 8))
@@ -194,14 +194,14 @@ def _sums(taps: Taps, basis: NDArray[np.float64]) -> _Sums:
     (L, M), (_, J, K), D = taps.shape, taps.samples.shape, basis.shape[1]
     own = taps.where * M + taps.what
     gram = sum_by(own, basis[:, :, None] * basis[:, None, :], L * M)
-    square = sum_by(own, taps.samples**2, L * M)
     product = np.zeros((L * M, D, J * K))
-    for c in np.unique(own):
-        product[c] = basis[own == c].T @ taps.samples[own == c].reshape(-1, J * K)
+    for which, block in taps.over_blocks(lambda block, which: (which, block)):
+        for c in np.unique(own[which]):
+            members = own[which] == c
+            product[c] += basis[which][members].T @ block[members].reshape(-1, J * K)
+    square = class_sums(taps, lambda block, _: block**2)
     count = np.bincount(own, minlength=L * M).astype(np.float64)
-    return _Sums(
-        count.reshape(L, M), gram.reshape(L, M, D, D), product.reshape(L, M, D, J, K), square.reshape(L, M, J, K)
-    )
+    return _Sums(count.reshape(L, M), gram.reshape(L, M, D, D), product.reshape(L, M, D, J, K), square)
 
 
 def _ascend(sums: _Sums, basis: Basis, length: float, most: int) -> tuple[float, CurvePosterior]:

@@ -38,7 +38,7 @@ from .likelihood.shapes import Measure, Parameters
 from .likelihood.true_class import Own
 from .missing import refuse_empty, refuse_missing
 from .model import BINS, Fitted, Row
-from .scaling import Scaling, least_deviation
+from .scaling import Moments, Scaling, least_deviation
 
 if TYPE_CHECKING:
     from .generic.form import GenericForm, Program
@@ -114,12 +114,13 @@ class Story:
         Raises:
             InputError: The taps cannot carry it, or an argument is out of range.
         """
-        used, known, kept = training(taps, grid, settings, trained_on)
+        used, known, kept = training(taps, grid, settings, trained_on, in_blocks=True)
         self.check(self.name, known)
-        if not self.independent:
-            refuse_missing(self.name, known.samples)
-        elif self.trained_only:
-            refuse_empty(self.name, known, "sample" in self.dims["level"])
+        if used.lacking.any():
+            if not self.independent:
+                refuse_missing(self.name, known.samples)
+            elif self.trained_only:
+                refuse_empty(self.name, Moments.of(known), "sample" in self.dims["level"])
         scaling = Scaling.of(known, kept["edges"])
         least = least_deviation(kept["edges"], len(scaling.unit)) / scaling.unit
         scaled = scaling.scaled(known)._replace(least=least)

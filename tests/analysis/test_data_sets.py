@@ -6,8 +6,8 @@ from solidtouch.analysis.reproduce import report as reproduce
 from solidtouch.analysis.sensitivity import run as sensitivity
 from solidtouch.analysis.strategies import run as strategies_study
 from solidtouch.analysis.strategies.data import RIGHT, simulated_bench
+from solidtouch.models.blocks import tap_digests
 from solidtouch.models.seeds import data_set_seed
-from solidtouch.models.training import tap_digests
 
 
 def of_reproduce(seed):

@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from solidtouch.models.taps import TapSet
 
 from benchmarks.page import check_block
-from benchmarks.speed import likelihood_peers
+from benchmarks.speed import likelihood_peers, memory
 from benchmarks.speed.report import ratio, work_table
 from benchmarks.speed.rows import LIMIT, Row, interleaved
 from benchmarks.speed.scaling import exponent
@@ -189,3 +190,29 @@ def test_the_study_of_unknown_prints_its_tables():
 @pytest.mark.slow
 def test_the_novelty_benchmark_prints_its_tables():
     assert "known" in run("studies.beliefs.novelty", "--data-sets", "1", "--episodes", "4")
+
+
+def test_commands_on_a_recording_are_measured(monkeypatch):
+    """In a process of their own, whose peak is not that of this one."""
+    monkeypatch.setattr(memory, "TAP", (6, 5, 3, 2))
+    (found,) = memory.recordings([2e-5], [("convert", "taps.nc", "copy.nc")])
+
+    assert (found.command, found.gigabytes) == ("convert taps.nc copy.nc", 2e-5)
+    assert found.processor > 0
+    assert 50 < found.mebibytes < 1000
+    assert "| `solidtouch convert taps.nc copy.nc` | 2e-05 GB |" in memory.recording_table([found])
+    with pytest.raises(RuntimeError, match=r"solidtouch inspect none.nc failed:\n.*no such file"):
+        memory.recordings([2e-5], [("inspect", "none.nc")])
+
+
+def test_a_recording_is_made_in_blocks(tmp_path):
+    """Of all classes in turn, each with a shape of its own."""
+    memory.write_recording(tmp_path / "taps.nc", 205, 6, 5, 3, 2)
+    taps = TapSet.load(tmp_path / "taps.nc")
+    where, what = taps.indices(taps.grid())
+
+    assert taps.taps.shape == (205, 6, 5)
+    assert np.ravel_multi_index((where, what), (3, 2)).tolist() == [n % 6 for n in range(205)]
+    mean = [taps.select((where == 1) & (what == m)).taps.mean(axis=0) for m in range(2)]
+    assert np.abs(mean[1] - 2 * mean[0]).max() < 1.5
+    assert mean[1].max() > 1

@@ -8,8 +8,10 @@ import pytest
 import xarray as xr
 from solidtouch.analysis.experiment.crosscheck import CrossCheck, RouteDifference
 from solidtouch.inference.fit import fit
+from solidtouch.models import blocks, storage
 from solidtouch.models.io.arviz_tree import to_arviz
 from solidtouch.models.io.model_file import load_model
+from solidtouch.models.measurement.likelihood.bins import count_taps
 from solidtouch.models.measurement.registry import NAMES, fit_model
 from solidtouch.models.settings import FitSettings
 from solidtouch.models.taps import TapSet
@@ -127,6 +129,25 @@ def test_fit_writes_no_draws_where_none_are_wanted_or_none_exist(command, tmp_pa
     for name in "ab":
         with xr.open_datatree(tmp_path / f"{name}.nc", engine="h5netcdf") as tree:
             assert "posterior" not in tree.children
+
+
+def test_an_interrupted_fit_leaves_no_file(command, tmp_path, taps_file, monkeypatch):
+    """Ctrl-C while a block of a large recording is counted, on any thread."""
+    monkeypatch.setattr(storage, "ON_DISK", 0)
+    monkeypatch.setattr(blocks, "BLOCK", 1)
+    before, counted = sorted(tmp_path.iterdir()), []
+
+    def interrupted(*given):
+        counted.append(given)
+        if len(counted) == 7:
+            raise KeyboardInterrupt
+        return count_taps(*given)
+
+    monkeypatch.setattr("solidtouch.models.measurement.likelihood.bins.count_taps", interrupted)
+    done = command("fit", taps_file, "--out", tmp_path / "model.nc")
+
+    assert done.code == 130
+    assert sorted(tmp_path.iterdir()) == before
 
 
 def test_a_fit_that_did_not_converge_needs_consent(command, tmp_path, taps_file, monkeypatch):

@@ -24,12 +24,12 @@ from solidtouch.inference.moves.table import held_out_tables, learn_table, save_
 from solidtouch.inference.stopping.rules import make_rule, parse_stopping
 from solidtouch.inference.stopping.stopping import DECIDE, GO_ON, Moment
 from solidtouch.inference.trials.records import trial_chances
+from solidtouch.models.blocks import tap_digests
 from solidtouch.models.io.model_file import load_model
 from solidtouch.models.measurement.histogram import fit
 from solidtouch.models.measurement.registry import fit_model
 from solidtouch.models.setting_file import Setting
 from solidtouch.models.settings import FitSettings
-from solidtouch.models.training import tap_digests
 
 
 @pytest.fixture(scope="module")

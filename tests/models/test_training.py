@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from solidtouch.models.blocks import tap_digests
 from solidtouch.models.errors import InputError
 from solidtouch.models.splits import Fold, Split, split, two_files, untrained
 from solidtouch.models.taps import TapSet, concatenate
-from solidtouch.models.training import tap_digests, training_taps, without_training
+from solidtouch.models.training import training_taps, without_training
 
 
 def digests(*parts):

@@ -1,17 +1,19 @@
 """Arguments of generative models: taps and priors."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ...blocks import ScaledSamples, over_blocks
 
 
 class Taps(NamedTuple):
     """Taps of known class.
 
     Attributes:
-        samples: Scaled, shape (N, J, K).
+        samples: Scaled, shape (N, J, K); of a large recording perhaps `blocks.ScaledSamples`.
         where: Where class of each tap, shape (N,).
         what: What class of each tap, shape (N,).
         shape: (L, M).
@@ -34,6 +36,12 @@ class Taps(NamedTuple):
         samples, present = filled(self.samples)
         taken: Any = story if present is None else Present(story, "taps", present)
         return lambda: taken(self.where, self.what, samples, L=L, M=M, J=J, K=K, **arguments)
+
+    def over_blocks[T](self, work: Callable[[NDArray[np.float64], slice], T]) -> Iterator[T]:
+        """As `blocks.over_blocks`; an array is one block, so sums over it are rounded in one way."""
+        if isinstance(self.samples, ScaledSamples):
+            return over_blocks(self.samples, work)
+        return iter((work(self.samples, slice(0, len(self.samples))),))
 
     def first(self) -> "Taps":
         """The first tap."""
@@ -61,6 +69,7 @@ def filled(samples: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[n
 
     The mask is `None` if all are.
     """
+    samples = np.asarray(samples)
     present = ~np.isnan(samples)
     if present.all():
         return samples, None

@@ -1,11 +1,14 @@
 """Bins of sample values, histograms of taps, and their likelihood from tables; Eq. 1 and the text around Eq. 2."""
 
+from collections import deque
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple, Self
+from threading import Lock
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...blocks import over_blocks
 from ...compiled import compiled
 from ...errors import InputError
 
@@ -119,6 +122,34 @@ def count_taps(samples: NDArray[np.floating], edges: NDArray[np.float64]) -> Ite
             raise InputError(NOT_FINITE)
         count(found, held, *counts)
         yield slice(start, start + len(part)), counts._replace(first=counts.first[: len(part) + 1])
+
+
+def class_counts(
+    samples: Any, edges: NDArray[np.float64], own: NDArray[np.intp], shape: tuple[int, int, int, int]
+) -> NDArray[np.int64]:
+    """Samples of each class in each bin, of the given shape (L, M, K, B).
+
+    Args:
+        samples: Shape (N, J, K), in memory or on disk.
+        edges: Bin edges, shape (B + 1,) or (K, B + 1).
+        own: Class of each tap as l M + m, shape (N,).
+        shape: (L, M, K, B).
+
+    Raises:
+        InputError: A sample is infinite.
+    """
+    from .counting import add
+
+    L, M, K, B = shape
+    counts, one_at_a_time = np.zeros((L * M, K * B), dtype=np.int64), Lock()
+
+    def counted(block: NDArray[np.floating], taps: slice) -> None:
+        for which, part in count_taps(block, edges):
+            with one_at_a_time:
+                add(*part, own[taps][which], counts)
+
+    deque(over_blocks(samples, counted), maxlen=0)
+    return counts.reshape(shape)
 
 
 def tap_counts(bins: NDArray[np.intp], B: int) -> Iterator[NDArray[np.float64]]:

@@ -147,3 +147,17 @@ def add(first, cell, times, group, counts):
     for i in range(len(group)):
         for e in range(first[i], first[i + 1]):
             counts[group[i], cell[e]] += np.int64(times[e])
+
+
+@compiled
+def add_rows(rows, group, total):
+    """Adds rows to those of their groups, one after another.
+
+    Args:
+        rows: Shape (n, size).
+        group: Row of each in `total`, shape (n,).
+        total: Changed in place, shape (groups, size).
+    """
+    for i in range(len(group)):
+        for s in range(rows.shape[1]):
+            total[group[i], s] += rows[i, s]

@@ -143,7 +143,7 @@ def of_mixed_axes(samples, edges, own, shape):
     return right.swapaxes(0, 1).reshape(right.shape)
 
 
-RIGHT_COUNTS = histogram._class_counts
+RIGHT_COUNTS = histogram.class_counts
 
 
 class AnyClass(HistogramModel):
@@ -171,7 +171,7 @@ def of(kind):
 
 FITS = {
     "edges": (histogram, "bin_edges", wider, {"bin edges", "log histograms"}),
-    "axes": (histogram, "_class_counts", of_mixed_axes, {"log histograms", "prior"}),
+    "axes": (histogram, "class_counts", of_mixed_axes, {"log histograms", "prior"}),
     "exponent": (model, "likelihood_exponent", lambda *sizes: 1.0 / sizes[-1], {"exponent"}),
 }
 MODELS = {

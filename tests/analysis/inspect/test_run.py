@@ -5,11 +5,17 @@ import io
 import numpy as np
 import pytest
 from rich.console import Console
-from solidtouch.analysis.experiment.data_warnings import constant_taxels, in_blocks, recorded_order, saturated_taxels
+from solidtouch.analysis.experiment.data_warnings import constant_taxels, in_blocks, recorded_order
+from solidtouch.analysis.experiment.data_warnings import saturated_taxels as saturated
 from solidtouch.analysis.inspect.page import inspection_page
 from solidtouch.analysis.inspect.run import count_taps, inspect_taps
 from solidtouch.analysis.page.terminal import show
+from solidtouch.models.blocks import extreme_samples
 from solidtouch.models.io.load import load_taps
+
+
+def saturated_taxels(samples):
+    return saturated(samples, extreme_samples(samples))
 
 
 def warnings_of(taps, **cells):
@@ -172,7 +178,7 @@ def test_single_samples_can_show_saturation():
 def test_constant_taxels_are_dead_and_not_saturated(make_taps):
     taps = np.concatenate([press(), np.full((20, 30, 1), 3.0)], axis=2)
 
-    assert constant_taxels(taps) == (1,)
+    assert constant_taxels(extreme_samples(taps)) == (1,)
     assert saturated_taxels(taps) == ()
     assert saturated_taxels(np.zeros((4, 3, 2))) == ()
     data = make_taps().dataset

@@ -1,0 +1,119 @@
+"""Work on samples in blocks of taps, so that recordings need not fit into memory.
+
+Large recordings stay in their file (see `storage.open_taps`), and a block of them is in memory at a time for each
+thread. Samples are arrays or variables of xarray, shape (N, J, K); what is done to them is the same.
+"""
+
+import hashlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from math import prod
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .threads import cores, in_order
+
+BLOCK = 1 << 24
+"""Bytes of samples read at a time."""
+_BYTES = 8
+
+
+def block_length(samples: Any) -> int:
+    """Number of taps in a block, at least 1."""
+    return max(1, BLOCK // max(1, prod(samples.shape[1:]) * samples.dtype.itemsize))
+
+
+def over_blocks[T](samples: Any, work: Callable[[NDArray[Any], slice], T], workers: int | None = None) -> Iterator[T]:
+    """Results of work on blocks of samples, in order; several blocks are worked on at the same time.
+
+    Args:
+        samples: Shape (N, J, K).
+        work: Takes the samples of a block and which taps these are; from any thread.
+        workers: Number of threads; default one per core.
+    """
+    step = block_length(samples)
+    parts = [slice(start, min(start + step, len(samples))) for start in range(0, len(samples), step)]
+
+    def task(part: slice) -> Callable[[], T]:
+        return lambda: work(np.asarray(samples[part]), part)
+
+    yield from in_order(map(task, parts), min(len(parts), cores(workers)) or 1)
+
+
+@dataclass(frozen=True, eq=False)
+class ScaledSamples:
+    """Samples of a large recording in double precision and in other units, made when they are asked for.
+
+    Attributes:
+        samples: Shape (N, J, K), in memory or on disk.
+        centre: Origin of each taxel, shape (K,), or of all.
+        unit: Unit of each taxel, likewise.
+    """
+
+    samples: Any
+    centre: Any = 0.0
+    unit: Any = 1.0
+    dtype = np.dtype(np.float64)
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """(N, J, K)."""
+        return self.samples.shape
+
+    def __len__(self) -> int:
+        return len(self.samples)
+
+    def __getitem__(self, taps: slice) -> NDArray[np.float64]:
+        block = np.asarray(self.samples[taps]).astype(self.dtype)
+        block -= self.centre
+        block /= self.unit
+        return block
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        return self[:].astype(dtype or self.dtype, copy=False)
+
+
+def write_in_blocks(dataset: Any, name: str, path: Path) -> None:
+    """Writes an xarray dataset as netCDF with a variable that is read block by block; Dask is not needed."""
+    import h5netcdf  # noqa: PLC0415
+
+    samples = dataset.variables[name]
+    dataset.drop_vars(name).to_netcdf(path, engine="h5netcdf")
+    with h5netcdf.File(path, "a") as file:
+        for dim in samples.sizes.keys() - file.dimensions.keys():
+            file.dimensions[dim] = samples.sizes[dim]
+        written = file.create_variable(name, samples.dims, samples.dtype)
+        written.attrs.update(samples.attrs)
+        for which, block in over_blocks(samples, lambda block, which: (which, block)):
+            written[which] = block
+
+
+def extreme_samples(samples: Any, may_miss: bool = False) -> NDArray[Any]:
+    """Lowest and highest sample of each tap and taxel, shape (N, 2, K).
+
+    Args:
+        samples: Shape (N, J, K).
+        may_miss: Whether samples that are NaN do not count; NaN where there is no other. Else they are the lowest and
+            the highest.
+    """
+    least, most = (np.fmin, np.fmax) if may_miss else (np.minimum, np.maximum)
+
+    def of(block: NDArray[Any], _: slice) -> NDArray[Any]:
+        with np.errstate(invalid="ignore"):
+            return np.stack((least.reduce(block, axis=1), most.reduce(block, axis=1)), axis=1)
+
+    return np.concatenate(list(over_blocks(samples, of)))
+
+
+def tap_digests(taps: Any) -> NDArray[np.uint64]:
+    """Digest of each tap (N, J, K), equal for equal values in single or double precision, shape (N,)."""
+
+    def of(block: NDArray[Any], _: slice) -> bytes:
+        return b"".join(
+            hashlib.blake2b(np.ascontiguousarray(tap, np.float64), digest_size=_BYTES).digest() for tap in block
+        )
+
+    return np.frombuffer(b"".join(over_blocks(taps, of)), dtype="<u8").astype(np.uint64)

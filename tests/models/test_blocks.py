@@ -1,0 +1,198 @@
+"""Recordings that stay on disk: the same results as from memory, whatever the size of the blocks."""
+
+import numpy as np
+import pytest
+import xarray as xr
+from solidtouch.analysis.inspect.page import inspection_page
+from solidtouch.analysis.inspect.run import inspect_taps
+from solidtouch.models import blocks, storage
+from solidtouch.models.blocks import block_length, over_blocks
+from solidtouch.models.errors import InputError
+from solidtouch.models.measurement import gaussian, profile, profile_ar, profile_mvn, smooth
+from solidtouch.models.measurement.fits.priors import CellPrior
+from solidtouch.models.measurement.registry import fit_model
+from solidtouch.models.settings import FitSettings
+from solidtouch.models.splits import missing_sentence
+from solidtouch.models.taps import TapSet
+from solidtouch.models.training import training_taps
+
+J, K = 6, 5
+SIZES = {"1 tap": 1, "5 taps": 5, "more than all taps": 1000}
+
+
+@pytest.fixture(params=SIZES.values(), ids=SIZES)
+def on_disk(request, monkeypatch, tmp_path):
+    """From a tap set to the same one read from its file block by block; nobody may ask for all of its samples."""
+
+    def opened(taps, missing="refuse"):
+        taps.save(tmp_path / "taps.nc", force=True)
+        monkeypatch.setattr(storage, "ON_DISK", 0)
+        monkeypatch.setattr(blocks, "BLOCK", request.param * J * K * taps.samples.dtype.itemsize)
+        monkeypatch.setattr(TapSet, "taps", property(lambda _: pytest.fail("all samples were asked for")))
+        return TapSet.load(tmp_path / "taps.nc", missing)
+
+    return opened
+
+
+def with_gaps(taps):
+    """Taps without a seventh of their samples, one taxel that is dead, and one tap without any sample."""
+    gaps = np.random.default_rng(0).random(taps.taps.shape) < 1 / 7
+    gaps[..., 2] = gaps[11] = True
+    return TapSet(taps.dataset.assign(taps=taps.dataset["taps"].where(~gaps)).assign_attrs(missing="drop"))
+
+
+def fitted(taps, name="histogram", **more):
+    model = fit_model(name, taps, taps.grid(), FitSettings(bins=9, **more)).model
+    return model.with_scores(taps)
+
+
+def same_arrays(model, other, rtol=0.0):
+    for group, values in model.groups().items():
+        for name, array in values.variables.items():
+            compared = np.testing.assert_array_equal
+            if array.dtype.kind == "f" and rtol:
+                compared = lambda a, b, **told: np.testing.assert_allclose(a, b, rtol=rtol, atol=rtol, **told)  # noqa: E731
+            compared(array.values, other.groups()[group][name].values, err_msg=f"{group} {name}")
+
+
+@pytest.mark.parametrize("value_range", ["global", "taxel"])
+def test_histograms_are_the_same(on_disk, make_taps, value_range):
+    """With edges, digests and novelty scores, where some taps are outside the grid and classes in no order."""
+    taps = make_taps()
+    taps = taps.select(np.random.default_rng(3).permutation(len(taps)))
+    grid = taps.grid().select(range(2), [0, 2, 3])
+    settings = FitSettings(bins=9, value_range=value_range)
+    expected = fit_model("histogram", taps, grid, settings).model.with_scores(taps)
+    large = on_disk(taps)
+
+    same_arrays(fit_model("histogram", large, grid, settings).model.with_scores(large), expected)
+
+
+@pytest.fixture
+def given_prior(monkeypatch):
+    """Variances have a fixed prior: the search for the most probable one turns rounding into differences of 1e-4."""
+    for module in (gaussian, profile, profile_ar, profile_mvn, smooth):
+        monkeypatch.setattr(module, "estimated_prior", lambda *_: CellPrior(0.0, 0.0, np.full(K, 2.0), np.full(K, 2.0)))
+
+
+@pytest.mark.parametrize("name", ["gaussian", "profile", "profile-ar", "profile-mvn", "smooth"])
+def test_sums_of_blocks_make_the_same_model(on_disk, given_prior, make_taps, name):
+    """Where sufficient statistics are sums, up to the rounding of sums in parts."""
+    taps = make_taps(repeats=2)
+    taps = taps.select(np.random.default_rng(3).permutation(len(taps)))
+    expected = fitted(taps, name)
+
+    same_arrays(fitted(on_disk(taps), name), expected, 1e-12)
+
+
+def test_a_large_recording_has_nearly_the_same_prior(on_disk, make_taps):
+    """As far as the search for it is sure: variances are equal here, so the evidence hardly depends on it."""
+    taps = make_taps(repeats=2)
+    expected = fitted(taps, "profile")
+
+    same_arrays(fitted(on_disk(taps), "profile"), expected, 1e-2)
+
+
+@pytest.mark.parametrize("name", ["gaussian", "profile"])
+def test_sums_leave_missing_samples_out(on_disk, given_prior, make_taps, name):
+    """A class without any sample of a taxel is refused by the sentence that says so in memory."""
+    taps = with_gaps(make_taps(repeats=2))
+    empty = taps.dataset.copy(deep=True)
+    empty["taps"][(taps.what == 1) & (taps.where == 3.0), :, 4] = np.nan
+    empty, expected = TapSet(empty), fitted(taps, name)
+    with pytest.raises(InputError, match=r"samples of taxel 4.* are missing for position 2 and object 1") as refused:
+        fitted(empty, name)
+
+    same_arrays(fitted(on_disk(taps, "drop"), name), expected, 1e-12)
+    with pytest.raises(InputError) as again:
+        fitted(on_disk(empty, "drop"), name)
+    assert str(again.value) == str(refused.value)
+
+
+def test_missing_samples_are_left_out_alike(on_disk, make_taps):
+    """A dead taxel, an empty tap and gaps everywhere."""
+    taps = with_gaps(make_taps())
+    expected, told = fitted(taps), missing_sentence([taps], "taps")
+    known = training_taps(taps.select(slice(0, 50)), expected.training)
+    large = on_disk(taps, "drop")
+
+    same_arrays(fitted(large), expected)
+    assert missing_sentence([large], "taps") == told
+    np.testing.assert_array_equal(training_taps(large.select(slice(0, 50)), expected.training), known)
+
+
+def pressed(taps):
+    """Taps of a coarse sensor, two taxels of which are cut off at one end and one of which is constant."""
+    samples = np.round(4 * taps.taps) / 4
+    samples[..., 1] = np.minimum(samples[..., 1], 6.0)
+    samples[..., 3] = -np.minimum(samples[..., 3], 6.0)
+    samples[..., 4] = 2.0
+    samples[:, 0, [1, 3]] = 0.0
+    samples[[5, 20]] = samples[[4, 19]]
+    return TapSet(taps.dataset.assign(taps=(taps.dataset["taps"].dims, samples)))
+
+
+def printed(taps):
+    return repr(inspection_page(inspect_taps(taps, taps.grid())))
+
+
+def test_an_inspection_is_the_same(on_disk, make_taps):
+    """Constant and saturated taxels, ranges, copies of taps, and everything else that is printed."""
+    taps = pressed(make_taps())
+    expected = printed(taps)
+    assert "2 of 5 taxels may be saturated" in expected
+    assert "1 of 5 taxels are constant: 4." in expected
+
+    assert printed(on_disk(taps)) == expected
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_bad_sample_is_found_in_its_block(on_disk, make_taps, value):
+    """By the same sentence as in memory."""
+    taps = make_taps()
+    bad = taps.dataset.copy(deep=True)
+    bad["taps"][100, 3, 2] = value
+    with pytest.raises(InputError, match=r"^taps\[100, 3, 2\] is (nan|inf); ") as expected:
+        TapSet(bad)
+    object.__setattr__(taps, "dataset", bad)
+
+    with pytest.raises(InputError) as found:
+        on_disk(taps)
+    assert str(found.value).endswith(f"taps.nc: {expected.value}")
+
+
+def test_a_selection_is_written_on_disk(on_disk, make_taps, tmp_path):
+    """With what is written from memory, in its order."""
+    taps = make_taps(extra={"force": np.arange(168.0)})
+    taps.select([20, 3, 90]).save(tmp_path / "expected.nc")
+    on_disk(taps).select([20, 3, 90]).save(tmp_path / "written.nc")
+
+    expected, written = (xr.load_dataset(tmp_path / name, engine="h5netcdf") for name in ("expected.nc", "written.nc"))
+    xr.testing.assert_identical(written, expected)
+    assert "force" in written.data_vars
+
+
+def test_samples_that_are_asked_for_come_into_memory(make_taps, tmp_path, monkeypatch):
+    """Once; the file is not needed after that."""
+    taps = make_taps()
+    taps.save(tmp_path / "taps.nc")
+    monkeypatch.setattr(storage, "ON_DISK", 0)
+    large = TapSet.load(tmp_path / "taps.nc")
+    (tmp_path / "taps.nc").unlink()
+
+    np.testing.assert_array_equal(large.taps, taps.taps)
+    assert large.taps is large.taps
+    np.testing.assert_array_equal(large.select([3, 1]).taps, taps.taps[[3, 1]])
+
+
+def test_blocks_come_in_order_with_what_failed(monkeypatch):
+    """Even where threads work on several at a time."""
+    samples = np.arange(60.0).reshape(20, 3, 1)
+    monkeypatch.setattr(blocks, "BLOCK", 7 * 24)
+    assert block_length(samples) == 7
+
+    found = list(over_blocks(samples, lambda block, which: (which, block.sum()), workers=3))
+    assert [which for which, _ in found] == [slice(0, 7), slice(7, 14), slice(14, 20)]
+    assert [total for _, total in found] == [samples[which].sum() for which, _ in found]
+    with pytest.raises(ZeroDivisionError):
+        list(over_blocks(samples, lambda *_: 1 / 0, workers=3))
