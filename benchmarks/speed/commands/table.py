@@ -74,11 +74,11 @@ def commands_table(timed: Sequence[Timed], works: Sequence[Work], older: str, ke
 
 def load(timed: Sequence[Timed]) -> str:
     """How many rounds were measured and how busy other processes kept the machine, as a sentence."""
-    rounds = [len(one.now) for one in timed]
+    rounds = sorted({len(one.now) for one in timed})
     others = [spent.others for one in timed for spent in (*one.now, *one.before)]
     return (
         f"- load: other processes took {np.median(others):.0%} of the machine's processor time in the median run, "
-        f"{max(others):.0%} at most; {min(rounds)} to {max(rounds)} rounds"
+        f"{max(others):.0%} at most; rounds of a command: {', '.join(map(str, rounds))}"
     )
 
 
