@@ -8,6 +8,7 @@ from importlib.metadata import version as installed_version
 from typing import Annotated, Any
 
 from .shared.interrupt import INTERRUPTED, MESSAGE, TERMINATED, loading, repeated
+from .shared.process import keep_programs, leave
 
 with loading():
     import typer
@@ -85,6 +86,19 @@ def main(
 def _command() -> Any:
     """All commands; Typer would read their options anew at each call."""
     return typer.main.get_command(app)
+
+
+def program() -> None:
+    """`run` as a process of its own."""
+    keep_programs()
+    code: Any = 0
+    try:
+        run()
+    except SystemExit as stop:
+        code = stop.code
+    if code is None or isinstance(code, int):
+        leave(code or 0)
+    sys.exit(code)
 
 
 def run() -> None:

@@ -1,0 +1,70 @@
+"""What a command needs as a process of its own: programs compiled by earlier ones, and an end without delay."""
+
+import atexit
+import os
+import shutil
+import sys
+import threading
+import warnings
+from contextlib import suppress
+from hashlib import blake2b
+from pathlib import Path
+from platform import machine, processor
+from typing import Any
+
+_KEPT = "JAX_COMPILATION_CACHE_DIR"
+_SETTINGS = {"JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0", "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "-1"}
+_MOST_BYTES = 1 << 28
+
+
+def keep_programs() -> None:
+    """Makes JAX keep what it compiles in the user's cache folder; must be called before JAX is imported.
+
+    Does nothing where the environment names a folder. Programs that cannot be read, as after a crash, are removed, all
+    of them, and compiled again.
+    """
+    if _KEPT in os.environ:
+        return
+    folder = cache_folder()
+    os.environ.update(_SETTINGS | {_KEPT: str(folder)})
+    show: Any = warnings.showwarning
+
+    def shown(message: Warning | str, *place: Any) -> None:
+        if "persistent compilation cache" in str(message):
+            shutil.rmtree(folder, ignore_errors=True)
+            with suppress(OSError):
+                folder.mkdir(parents=True, exist_ok=True)
+        else:
+            show(message, *place)
+
+    warnings.showwarning = shown
+
+
+def cache_folder() -> Path:
+    """Folder of programs for this processor; machine code for another one could not run here."""
+    home = Path.home()
+    places = {"darwin": home / "Library/Caches", "win32": Path(os.environ.get("LOCALAPPDATA", home))}
+    place = Path(os.environ.get("XDG_CACHE_HOME") or places.get(sys.platform, home / ".cache"))
+    able = processor()
+    with suppress(OSError), Path("/proc/cpuinfo").open(encoding="utf-8") as lines:
+        able = next((line for line in lines if line.startswith(("flags", "Features"))), able)
+    return place / "solidtouch" / f"{machine()}-{blake2b(able.encode(), digest_size=8).hexdigest()}"
+
+
+def leave(code: int) -> None:
+    """Ends the process as Python would, except that nothing is freed, which takes up to a second after JAX has run.
+
+    Returns if output cannot be written, to end in the usual way.
+    """
+    ending: Any = threading, atexit
+    ending[0]._shutdown()  # waits for threads, as Python does
+    ending[1]._run_exitfuncs()
+    folder = Path(os.environ.get(_KEPT, ""))
+    if "jax" in sys.modules and folder == cache_folder():
+        with suppress(OSError):
+            if sum(entry.stat().st_size for entry in os.scandir(folder)) > _MOST_BYTES:
+                shutil.rmtree(folder)
+    with suppress(OSError, ValueError):
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)

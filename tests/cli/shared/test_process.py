@@ -1,0 +1,93 @@
+"""The process of a command: where compiled programs are kept, and an end that loses nothing."""
+
+import os
+import subprocess
+import sys
+import warnings
+
+import pytest
+from solidtouch.cli.shared import process
+
+
+@pytest.fixture
+def kept(tmp_path, monkeypatch):
+    """Folder of kept programs, in an environment that names none."""
+    monkeypatch.setattr(os, "environ", os.environ | {"XDG_CACHE_HOME": str(tmp_path)})
+    monkeypatch.delitem(os.environ, "JAX_COMPILATION_CACHE_DIR", raising=False)
+    monkeypatch.setattr(warnings, "showwarning", lambda message, *_: print(message))
+    process.keep_programs()
+    folder = process.cache_folder()
+    folder.mkdir(parents=True)
+    (folder / "program").write_bytes(bytes(100))
+    return folder
+
+
+def test_programs_are_kept_in_the_cache_folder_of_the_user(kept, tmp_path):
+    assert kept.is_relative_to(tmp_path)
+    assert os.environ["JAX_COMPILATION_CACHE_DIR"] == str(kept)
+
+
+def test_a_folder_that_the_environment_names_is_left_as_it_is(monkeypatch, tmp_path):
+    monkeypatch.setattr(os, "environ", {"JAX_COMPILATION_CACHE_DIR": str(tmp_path)})
+
+    process.keep_programs()
+
+    assert os.environ == {"JAX_COMPILATION_CACHE_DIR": str(tmp_path)}
+
+
+@pytest.mark.filterwarnings("always")
+def test_programs_that_cannot_be_read_are_removed_without_a_word(kept, capsys):
+    warnings.warn("Error reading persistent compilation cache entry for 'f': zlib.error: damaged", stacklevel=1)
+
+    assert not list(kept.iterdir())
+    warnings.warn("something else", stacklevel=1)
+    assert capsys.readouterr().out == "something else\n"
+
+
+END = """
+import atexit, sys, threading, time
+from solidtouch.cli.shared import process
+from solidtouch.cli.shared.process import leave
+
+class Never:
+    def __del__(self):
+        print("freed")
+
+never = Never()
+atexit.register(print, "at exit")
+threading.Thread(target=lambda: (time.sleep(0.2), print("thread"))).start()
+print("begun")
+{more}
+leave(3)
+"""
+
+
+def ended(more="", **options):
+    return subprocess.run(
+        [sys.executable, "-c", END.format(more=more)], text=True, check=False, stderr=subprocess.PIPE, **options
+    )
+
+
+def test_threads_and_functions_at_exit_have_run_and_nothing_is_freed():
+    done = ended(stdout=subprocess.PIPE)
+
+    assert (done.returncode, done.stdout, done.stderr) == (3, "begun\nthread\nat exit\n", "")
+
+
+def test_output_that_cannot_be_written_is_told_as_python_does():
+    """`/dev/full` takes nothing."""
+    with open("/dev/full", "w", encoding="utf-8") as full:
+        done = ended(stdout=full)
+
+    assert done.returncode not in (0, 3)
+    assert "No space left on device" in done.stderr
+
+
+def test_programs_are_removed_when_they_have_become_many(kept):
+    more = "process._MOST_BYTES = {}; sys.modules['jax'] = None"
+    env = os.environ | {"JAX_COMPILATION_CACHE_DIR": str(kept)}
+
+    ended(more.format(100), env=env, stdout=subprocess.DEVNULL)
+    assert kept.exists()
+    ended(more.format(99), env=env, stdout=subprocess.DEVNULL)
+    assert not kept.exists()
