@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 import warnings
+from pathlib import Path
 
 import pytest
 from solidtouch.cli.shared import process
@@ -14,7 +15,7 @@ def kept(tmp_path, monkeypatch):
     """Folder of kept programs, in an environment that names none."""
     monkeypatch.setattr(os, "environ", os.environ | {"XDG_CACHE_HOME": str(tmp_path)})
     monkeypatch.delitem(os.environ, "JAX_COMPILATION_CACHE_DIR", raising=False)
-    monkeypatch.setattr(warnings, "showwarning", lambda message, *_: print(message))
+    monkeypatch.setattr(warnings, "showwarning", lambda message, *_: sys.stdout.write(str(message)))
     process.keep_programs()
     folder = process.cache_folder()
     folder.mkdir(parents=True)
@@ -41,7 +42,7 @@ def test_programs_that_cannot_be_read_are_removed_without_a_word(kept, capsys):
 
     assert not list(kept.iterdir())
     warnings.warn("something else", stacklevel=1)
-    assert capsys.readouterr().out == "something else\n"
+    assert capsys.readouterr().out == "something else"
 
 
 END = """
@@ -76,7 +77,7 @@ def test_threads_and_functions_at_exit_have_run_and_nothing_is_freed():
 
 def test_output_that_cannot_be_written_is_told_as_python_does():
     """`/dev/full` takes nothing."""
-    with open("/dev/full", "w", encoding="utf-8") as full:
+    with Path("/dev/full").open("w", encoding="utf-8") as full:
         done = ended(stdout=full)
 
     assert done.returncode not in (0, 3)
