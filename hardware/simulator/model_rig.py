@@ -230,12 +230,12 @@ def draw_from_prior(
         InputError: The function does not keep the contract or fails, or no tap is requested.
     """
     grid, record, function = like.grid(), like.preprocessing, function_of(story)
-    generator = seeds.generator(seed, seeds.Purpose.MODEL, session)
+    generators = [seeds.generator(seed, seeds.Purpose.MODEL, number) for number in range(session + 1)]
     shared = seeds.generator(seed, seeds.Purpose.PRIOR, 0)
-    form = at_prior(function, batch_of(grid, record, like.dataset.sizes["taxel"]), shared, generator)
+    form = at_prior(function, batch_of(grid, record, like.dataset.sizes["taxel"]), shared, generators)
     classes = _classes(grid, taps_per_class, None)
     where, what = np.repeat(classes, taps_per_class, axis=0).T
-    taps = form.sample(where, what, np.empty(0), record.samples, generator)
+    taps = form.sample(where, what, np.empty(0), record.samples, generators[-1])
     told = f"drawn from the prior of {function.name}, seed {seed}, session {session}"
     return _session(grid, classes, taps, record, session, "generative model (no real sensor)", told)
 

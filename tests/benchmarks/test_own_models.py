@@ -24,7 +24,7 @@ def test_the_wrong_model_gives_all_classes_one_likelihood(make_taps):
     taps = make_taps(J=4, K=3)
     story = StoryFunction.of(own_models.labels_ignored, "labels_ignored")
     batch = batch_of(taps.grid(), taps.preprocessing, 3)
-    form = at_prior(story, batch, np.random.default_rng(0), np.random.default_rng(1))
+    form = at_prior(story, batch, np.random.default_rng(0), [np.random.default_rng(1)])
     table = form.table(np.linspace(-3, 3, 8))
 
     assert (table == table[:1, :1]).all()

@@ -37,14 +37,17 @@ class Program:
         story: The model.
         structure: Its sites.
         batch: Its arguments, with no tap.
+        sessions: Number of training sessions, which is the index of the session at perception.
     """
 
     story: StoryFunction
     structure: Structure
     batch: StoryCall
+    sessions: int = 0
 
-    def of(self, where: Any, what: Any, session: Any) -> StoryCall:
-        """Arguments for taps of these classes."""
+    def of(self, where: Any, what: Any, session: Any = None) -> StoryCall:
+        """Arguments for taps of these classes, by default at perception."""
+        session = np.full(np.shape(where), self.sessions) if session is None else session
         return replace(self.batch, where=where, what=what, session=session)
 
 
@@ -76,7 +79,7 @@ def _run(program: Program, given: Given, batch: StoryCall, taps: Any, key: Any =
 def _log_probability(program: Program, given: Given, taps: Binned, where: Any, what: Any) -> jax.Array:
     """Log probability of the bins of one tap (J, K) of class (where, what)."""
     one = Binned(*(part[None] for part in taps))
-    story = _run(program, given, program.of(where[None], what[None], _new_session(program, given)), one.samples)
+    story = _run(program, given, program.of(where[None], what[None]), one.samples)
     censored = Censored(story, OBSERVED, one.swapped() if program.structure.swapped else one, given.least)
     if not program.structure.enumerated:
         observed = block(censored, hide_fn=lambda site: site["name"] != OBSERVED)
@@ -87,13 +90,6 @@ def _log_probability(program: Program, given: Given, taps: Binned, where: Any, w
     kept = {OBSERVED, *program.structure.enumerated}
     local = block(censored, hide_fn=lambda site: site["type"] == "sample" and site["name"] not in kept)
     return jnp.asarray(summed(enum(config_enumerate(local), first_available_dim=-8), (), {}, {})[0])
-
-
-def _new_session(program: Program, given: Given) -> NDArray[np.intp]:
-    """Index of the last session that the latent variables know, shape (1,)."""
-    for name, axis in program.structure.by_session.items():
-        return np.array([jnp.shape(given.latents[name])[axis] - 1])
-    return np.zeros(1, dtype=np.intp)
 
 
 @partial(jax.jit, static_argnums=0)
@@ -116,8 +112,7 @@ def _bin_table(program: Program, given: Given, bins: Binned) -> jax.Array:
     """Log probability of every bin (1, B, K) of exchangeable samples, shape (L M, B, K)."""
     L, M, J, K = program.batch.shape
     where, what = np.divmod(np.arange(L * M), M)
-    batch = program.of(where, what, np.repeat(_new_session(program, given), L * M))
-    story = _run(program, given, batch, jnp.zeros((L * M, J, K)))
+    story = _run(program, given, program.of(where, what), jnp.zeros((L * M, J, K)))
     site = trace(block(story, hide_fn=lambda site: site["name"] != OBSERVED)).get_trace()[OBSERVED]
     log_prob = InBin(peeled(site["fn"]), bins, given.least).log_prob(bins.samples)
     return jnp.broadcast_to(log_prob, (L * M, *bins.samples.shape[1:]))
@@ -127,8 +122,7 @@ def _bin_table(program: Program, given: Given, bins: Binned) -> jax.Array:
 def drawn(program: Program, given: Given, J: int, where: Any, what: Any, key: Any) -> jax.Array:
     """Samples (N, J, K) of taps of known class."""
     L, M, _, K = program.batch.shape
-    session = np.broadcast_to(_new_session(program, given), where.shape)
-    batch = replace(program.of(where, what, session), shape=(L, M, J, K))
+    batch = replace(program.of(where, what), shape=(L, M, J, K))
     value = trace(_run(program, given, batch, None, key)).get_trace()[OBSERVED]["value"]
     return jnp.swapaxes(value, 1, 2) if program.structure.swapped else value
 

@@ -73,8 +73,9 @@ class GenericStory:
         K = known.samples.shape[2]
         scaling = Scaling(np.zeros(K), np.ones(K)) if self.function.raw else Scaling.of(known, kept["edges"])
         batch = batch_of(grid, taps.preprocessing, K)
-        structure = structure_of(self.function, batch)
         session = np.unique(used.session, return_inverse=True)[1]
+        sessions = int(session.max()) + 1
+        structure = structure_of(self.function, batch, sessions)
         full = replace(batch, where=known.where, what=known.what, session=session)
         if not structure.independent:
             refuse_missing(self.function.name, known.samples)
@@ -84,7 +85,7 @@ class GenericStory:
         found: Posterior = posterior(fit, "svi" if settings.method == "closed" else settings.method)
         model = GenericModel(
             story=self,
-            program=Program(self.function, structure, batch),
+            program=Program(self.function, structure, batch, sessions),
             scaling=scaling,
             parameters=found.point(),
             left_out=grid.untouched(kept["covered"]),
@@ -95,7 +96,7 @@ class GenericStory:
         return Fitted(model, found, found.convergence()._replace(warning=warning))
 
     def read(
-        self, _: Mapping[str, Any], data: xr.Dataset, parameters: xr.Dataset, common: dict[str, Any]
+        self, attributes: Mapping[str, Any], data: xr.Dataset, parameters: xr.Dataset, common: dict[str, Any]
     ) -> "GenericModel":
         """Model from the groups of a file, see `MeasurementModel.read`."""
         from .form import Program
@@ -103,10 +104,11 @@ class GenericStory:
 
         scaling = Scaling(data["centre"].values, data["unit"].values)
         batch = batch_of(common["grid"], common["preprocessing"], len(scaling.unit))
-        structure = structure_of(self.function, batch)
+        sessions = int(attributes.get("sessions", 1))
+        structure = structure_of(self.function, batch, sessions)
         return GenericModel(
             story=self,
-            program=Program(self.function, structure, batch),
+            program=Program(self.function, structure, batch, sessions),
             scaling=scaling,
             parameters={name: parameters[name].values for name in structure.dims},
             covered=data["covered"].values.astype(bool),
@@ -192,9 +194,7 @@ class GenericModel(ModelOfParameters):
 
     def prior(self, posterior: Any) -> "Prior":  # noqa: ARG002 - as all models
         """Prior of its latent variables."""
-        axes = self.program.structure.by_session
-        sessions = [np.shape(self.parameters[name])[axis] for name, axis in axes.items()]
-        return _prior(self.program, sessions[0] if sessions else 0)
+        return _prior(self.program)
 
     def groups(self) -> dict[str, xr.Dataset]:
         """Groups of the file, with a table where there is one, and the digest of the code."""
@@ -204,21 +204,23 @@ class GenericModel(ModelOfParameters):
             known = np.where(self.covered[:, :, None, None], self.plain_form.log_prob, np.nan)
             table["table"] = (("where", "what", "taxel", "bin"), known)
         return groups | {
-            "/": groups["/"].assign_attrs(measure=self.measure, digest=source.digest(self.story.function)),
+            "/": groups["/"].assign_attrs(
+                measure=self.measure, digest=source.digest(self.story.function), sessions=self.program.sessions
+            ),
             "constant_data": groups["constant_data"].assign(table),
         }
 
 
 def at_prior(
-    story: StoryFunction, batch: StoryCall, shared: np.random.Generator, own: np.random.Generator
+    story: StoryFunction, batch: StoryCall, shared: np.random.Generator, own: Sequence[np.random.Generator]
 ) -> "GenericForm":
-    """A generative model at a draw from its prior, in the units in which it describes samples.
+    """A generative model at a draw from its prior, in the units in which it describes samples, in the last session.
 
     Args:
         story: The model.
         batch: Taps of the kind that it is for; how many does not matter.
         shared: Draws all latent variables.
-        own: Draws those of the session anew.
+        own: Draw those of each session, given the sessions before it.
 
     Raises:
         InputError: The function does not keep the contract or fails.
@@ -227,19 +229,22 @@ def at_prior(
     from .sessions import with_new_session
     from .structure import structure_of
 
-    program, K = Program(story, structure_of(story, batch), batch), batch.shape[3]
-    latents = dict(_prior(program, 0).draw(shared))
-    if program.structure.by_session:
-        latents = with_new_session(program, latents, own)
+    last, K = len(own) - 1, batch.shape[3]
+    program = Program(story, structure_of(story, batch, last), batch, last)
+    latents = dict(_prior(replace(program, sessions=0)).draw(shared))
+    if axes := program.structure.by_session:
+        latents |= {name: np.delete(latents[name], -1, axis) for name, axis in axes.items()}
+        for generator in own:
+            latents = with_new_session(program, latents, generator)
     return GenericForm(program, Given(latents), Scaling(np.zeros(K), np.ones(K)))
 
 
-def _prior(program: "Program", sessions: int) -> "Prior":
-    """Prior of the latent variables, with a new session after these."""
+def _prior(program: "Program") -> "Prior":
+    """Prior of the latent variables, with a new session."""
     from ..fits.prior import StoryPrior
 
     structure = program.structure
-    which = np.arange(sessions + 1 if structure.by_session else 1)
+    which = np.arange(program.sessions + 1)
     taps = program.of(0 * which, 0 * which, which)
     return StoryPrior(
         lambda: program.story(taps),

@@ -4,7 +4,9 @@ A wrong site is refused here, in one sentence, before a fit spends time on it.
 """
 
 import inspect
+from collections.abc import Collection
 from dataclasses import replace
+from itertools import chain
 from traceback import extract_tb
 from typing import Any, NamedTuple
 
@@ -48,12 +50,13 @@ class Structure(NamedTuple):
     by_session: dict[str, int]
 
 
-def structure_of(story: StoryFunction, batch: StoryCall) -> Structure:
+def structure_of(story: StoryFunction, batch: StoryCall, sessions: int = 1) -> Structure:
     """Structure of a generative model.
 
     Args:
         story: The model.
         batch: Taps of the kind that it is for; how many does not matter.
+        sessions: Number of training sessions, the index of the session at perception.
 
     Raises:
         InputError: The function fails, has no site `taps` or one of another shape, or latent variables that cannot be
@@ -73,14 +76,16 @@ def structure_of(story: StoryFunction, batch: StoryCall) -> Structure:
         raise InputError(f"{story.name} has no latent variable to fit; a model needs at least one.")
     _check_drawn(story, _some(batch, 2), np.shape(few.sites[OBSERVED]["value"]))
     kept = {name: latent for name, latent in latents.items() if name not in enumerated}
+    dims = {name: _dims(name, latent, batch.shape) for name, latent in kept.items()}
+    _check_names(story, dims)
     return Structure(
-        {name: _dims(name, latent, batch.shape) for name, latent in kept.items()},
+        dims,
         more.swapped,
         more.measure,
         not enumerated and not more.swapped and more.alike and not more.looks_back,
         not more.looks_back and not peeled(more.sites[OBSERVED]["fn"]).event_dim,
         tuple(enumerated),
-        _session_axes(story, batch, kept),
+        _session_axes(story, batch, kept, more.sites, sessions),
     )
 
 
@@ -253,6 +258,23 @@ def _check_latent(story: StoryFunction, name: str, latent: dict[str, Any], local
         )
 
 
+def _check_names(story: StoryFunction, dims: dict[str, tuple[str, ...]]) -> None:
+    """Refuses names that arrays in a file cannot have, before a fit that could not be saved."""
+    taken = {"chain", "draw", "integrated", *_DIMS.values(), *chain(*dims.values())}
+    for name in dims:
+        if "/" in name:
+            raise InputError(
+                f"The latent variable {name!r} of {story.name} has a / in its name, which files cannot hold; rename "
+                'it, or give numpyro.handlers.scope divider=".".'
+            )
+        if name in taken or name in {"", "."}:
+            raise InputError(
+                f"The latent variable {name!r} of {story.name} needs another name; an axis of files has this one."
+                if name
+                else f"A latent variable of {story.name} has no name; give it one."
+            )
+
+
 def is_improper(prior: Any) -> bool:
     """Whether a prior is flat, whatever plates, masks and event dimensions do to it."""
     while hasattr(prior, "base_dist"):
@@ -269,7 +291,7 @@ def _dims(name: str, latent: dict[str, Any], shape: tuple[int, int, int, int]) -
         axis = len(value) - event + frame.dim
         if 0 <= axis < len(value) and value[axis] == frame.size:
             known = sizes.get(frame.name) == frame.size
-            dims[axis] = _DIMS[frame.name] if known else f"{name}_{frame.name}"
+            dims[axis] = _DIMS[frame.name] if known else f"{name}_{frame.name}".replace("/", ".")
     return tuple(dims)
 
 
@@ -279,15 +301,43 @@ def _is_alike(site: dict[str, Any]) -> bool:
     return site.get("scale") is None and elementwise(site["fn"]) and same
 
 
-def _session_axes(story: StoryFunction, batch: StoryCall, latents: dict[str, Any]) -> dict[str, int]:
-    """Axis of sessions of each latent variable that has one."""
+def _session_axes(
+    story: StoryFunction, batch: StoryCall, latents: dict[str, Any], names: Collection[str], sessions: int
+) -> dict[str, int]:
+    """Axis of sessions of each latent variable that has one; a new session can be drawn along it.
+
+    Args:
+        story: The model.
+        batch: As in `structure_of`.
+        latents: Sites of the latent variables.
+        names: Names of all sites.
+        sessions: As in `structure_of`.
+
+    Raises:
+        InputError: The function fails with a new session, or cannot draw one given the others.
+    """
     if "session" not in story.wanted:
         return {}
-    some = _some(batch, 3)
-    sites = _traced(story, StoryCall(**{**vars(some), "session": np.arange(3)}), 3).sites
-    axes = {}
+    which = np.arange(max(sessions, 1) + 1)
+    try:
+        sites = _traced(story, replace(_some(batch, len(which)), session=which), len(which)).sites
+    except InputError as error:
+        raise InputError(
+            f"{error} The last session, {which[-1]}, is a new one, as at perception; size what belongs to sessions by "
+            "int(session.max()) + 1."
+        ) from error
+    bad, axes = [name for name, site in sites.items() if name not in names and site["type"] == "sample"], {}
     for name, latent in latents.items():
-        one, three = np.shape(latent["value"]), np.shape(sites[name]["value"])
-        if one != three:
-            axes[name] = next(axis for axis, (a, b) in enumerate(zip(one, three, strict=True)) if a != b)
+        one, several, site = np.shape(latent["value"]), np.shape(sites[name]["value"]), sites[name]
+        if one != several:
+            axis = next(axis for axis, (a, b) in enumerate(zip(one, several, strict=True)) if a != b)
+            in_plate = axis < len(several) - peeled(site["fn"]).event_dim and "_control_flow_done" not in site
+            bad += [] if in_plate and (one[axis], several[axis]) == (1, len(which)) else [name]
+            axes[name] = axis
+    if bad:
+        raise InputError(
+            f"The latent variable {bad[0]!r} of {story.name} has sessions that no new one can be added to; draw all at "
+            "one site, in a plate of size int(session.max()) + 1, and make them dependent afterwards, such as a random "
+            "walk by jnp.cumsum."
+        )
     return axes
