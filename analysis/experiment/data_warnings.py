@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...models.blocks import over_blocks
+from ...models.blocks import over_blocks, tap_digests
 from ...models.grid import ClassGrid
 from ...models.splits import Fold
 from ...models.taps import TapSet, concatenate
@@ -101,7 +101,7 @@ def _sessions(
 
 def _few(taps: TapSet, cells: NDArray[np.intp], inside: NDArray[np.bool_], grid: ClassGrid) -> Iterator[str]:
     """Distinct taps: exact copies count once."""
-    content, session = taps.digests[inside].view(np.int64), taps.session[inside]
+    content, session = _contents(taps)[inside], taps.session[inside]
     distinct = np.unique(np.stack([cells, session, content]), axis=1)
     if distinct.shape[1] < len(cells):
         yield f"{len(cells) - distinct.shape[1]} taps are exact copies of another tap of the same class and session."
@@ -115,6 +115,16 @@ def _few(taps: TapSet, cells: NDArray[np.intp], inside: NDArray[np.bool_], grid:
             f"{_cell_name(grid, *np.unravel_index(cell, grid.shape))}: {counts[filled == cell][0]}" for cell in few
         ]
         yield f"{len(few)} of {len(filled)} classes with taps have fewer than {FEW} distinct taps ({_named(names)})."
+
+
+def _contents(taps: TapSet) -> NDArray[np.int64]:
+    """A number for each tap, shape (N,), equal for exact copies; samples are read only where extremes are equal."""
+    content = tap_digests(taps.extremes)
+    _, which, count = np.unique(content, return_inverse=True, return_counts=True)
+    alike = np.flatnonzero(count[which] > 1)
+    if alike.size:
+        content[alike] = taps.select(alike).digests
+    return content.view(np.int64)
 
 
 def _blocks(taps: TapSet, where: NDArray[np.intp], what: NDArray[np.intp], grid: ClassGrid) -> Iterator[str]:

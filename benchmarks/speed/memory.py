@@ -1,7 +1,7 @@
 """Peak memory: of a process that plays many trials, and of commands on recordings larger than memory.
 
 `python -m benchmarks.speed.memory TRIALS` prints the peak of the trials in MiB. `--recordings GB...` writes recordings
-of these sizes into a temporary folder and runs `convert`, `inspect` and `fit` on them.
+of these sizes into a temporary folder and runs `convert`, `inspect`, `fit` and `trials` on them.
 """
 
 import argparse
@@ -45,6 +45,7 @@ _COMMANDS = (
     ("inspect", "taps.nc"),
     ("fit", "taps.nc", "other.nc", "--out", "histogram.nc"),
     ("fit", "taps.nc", "other.nc", "--model", "gaussian", "--out", "gaussian.nc"),
+    ("trials", "histogram.nc", "taps.nc", "--training-taps", "--trials", "1000"),
 )
 
 
@@ -126,15 +127,13 @@ def recordings(sizes: Sequence[float], commands: Sequence[Sequence[str]] = _COMM
         folder = Path(name)
         write_recording(folder / "other.nc", L * M, J, K, L, M, 1)
         for size in sizes:
-            path = folder / "taps.nc"
-            write_recording(path, round(size * 1e9 / (4 * J * K)), J, K, L, M)
+            write_recording(folder / "taps.nc", round(size * 1e9 / (4 * J * K)), J, K, L, M)
             for words in commands:
                 found.append(_measured(words, size, folder))
                 print(found[-1], file=sys.stderr)
-                for file in folder.iterdir():
-                    if file.name not in ("taps.nc", "other.nc"):
-                        file.unlink()
-            path.unlink()
+            for file in folder.iterdir():
+                if file.name != "other.nc":
+                    file.unlink()
     return found
 
 

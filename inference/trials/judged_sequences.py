@@ -37,7 +37,7 @@ class JudgedSession(NamedTuple):
     @classmethod
     def by(cls, model: TapModel, taps: TapSet) -> Self:
         """Session of taps of trained classes."""
-        return cls(model.log_likelihood(taps.taps) / model.exponent, *taps.indices(model.grid), model)
+        return cls(model.log_likelihood(taps.samples) / model.exponent, *taps.indices(model.grid), model)
 
 
 class Sequences(NamedTuple):

@@ -221,7 +221,7 @@ def tap_table(model: TapModel, taps: TapSet) -> TapTable:
     where, what = taps.indices(model.grid)
     pool = tap_pool(where, what, model.grid.shape)
     return TapTable(
-        model.judging(taps).log_likelihood(taps.taps),
+        model.judging(taps).log_likelihood(taps.samples),
         pool,
         model.log_prior,
         model.saturation,

@@ -16,6 +16,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
+from ..blocks import over_blocks
 from ..errors import InputError
 from ..progress import Progress, no_progress
 from ..seeds import Purpose, generator
@@ -281,11 +282,12 @@ class TapModel(ABC):
         if taps.shape[-2:] != (J, K):
             raise InputError(f"Taps must have {J} samples and {K} taxels as in the model, got shape {taps.shape}.")
 
-    def log_likelihood(self, taps: ArrayLike, out: Any = None) -> NDArray[np.float64]:
+    def log_likelihood(self, taps: ArrayLike | xr.Variable, out: Any = None) -> NDArray[np.float64]:
         """Log-likelihoods of taps, shape (N, L, H), -inf for untrained classes; Eq. 1.
 
         Args:
-            taps: Prepared samples, shape (N, J, K); also a memory-mapped array.
+            taps: Prepared samples, shape (N, J, K); also a memory-mapped array, or `TapSet.samples`, which are read
+                in blocks.
             out: Array of shape (N, L, H) to write to, such as a memory-mapped or a Zarr one; default a new one.
 
         Returns:
@@ -294,16 +296,27 @@ class TapModel(ABC):
         Raises:
             InputError: `taps` has not three axes, or is refused as by `check_samples`; or `out` has another shape.
         """
-        taps = np.asarray(taps)
-        self._check_shape(taps)
-        if taps.ndim != 3:
-            raise InputError(f"Taps must have three axes (tap, sample, taxel), got shape {taps.shape}.")
-        shape = (len(taps), *self.form.shape)
+        in_blocks = isinstance(taps, xr.Variable) and not self.runs_story  # NumPyro compiles for each shape
+        samples: Any = taps if in_blocks else np.asarray(taps)
+        self._check_shape(samples)
+        if samples.ndim != 3:
+            raise InputError(f"Taps must have three axes (tap, sample, taxel), got shape {samples.shape}.")
+        shape = (len(samples), *self.form.shape)
         out = np.empty(shape) if out is None else out
         if out.shape != shape:
             raise InputError(f"out must have shape {shape}, got {out.shape}.")
-        self._check_missing(taps)
-        self.prepared.log_likelihood(taps, self.edges, self.exponent, out)
+        prepared = self.prepared
+
+        def write(block: NDArray[np.floating], out: Any) -> Any:
+            self._check_missing(block)
+            prepared.log_likelihood(block, self.edges, self.exponent, out)
+            return out
+
+        if not in_blocks:
+            return write(samples, out)
+        new = lambda block, which: (which, write(block, np.empty((len(block), *shape[1:]))))  # noqa: E731
+        for which, part in over_blocks(samples, new):
+            out[which] = part
         return out
 
     def check_taps(self, preprocessing: "Preprocessing") -> None:

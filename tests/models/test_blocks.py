@@ -5,6 +5,7 @@ import pytest
 import xarray as xr
 from solidtouch.analysis.inspect.page import inspection_page
 from solidtouch.analysis.inspect.run import inspect_taps
+from solidtouch.inference.trials.records import tap_table
 from solidtouch.models import blocks, storage
 from solidtouch.models.blocks import block_length, over_blocks
 from solidtouch.models.errors import InputError
@@ -119,6 +120,18 @@ def test_missing_samples_are_left_out_alike(on_disk, make_taps):
     same_arrays(fitted(large), expected)
     assert missing_sentence([large], "taps") == told
     np.testing.assert_array_equal(training_taps(large.select(slice(0, 50)), expected.training), known)
+
+
+@pytest.mark.parametrize("name", ["histogram", "gaussian", "profile"])
+def test_tables_of_trials_are_the_same(on_disk, make_taps, name):
+    """Likelihoods of test taps are computed from blocks, in the order of the taps, also with missing samples."""
+    taps = with_gaps(make_taps())
+    model = fitted(taps.select(taps.session == 0), name)
+    expected = tap_table(model, taps)
+    found = tap_table(model, on_disk(taps, "drop"))
+
+    np.testing.assert_allclose(found.log_likelihood, expected.log_likelihood, rtol=1e-12)
+    np.testing.assert_array_equal(found.pool.order, expected.pool.order)
 
 
 def pressed(taps):

@@ -12,6 +12,7 @@ from solidtouch.analysis.inspect.run import count_taps, inspect_taps
 from solidtouch.analysis.page.terminal import show
 from solidtouch.models.blocks import extreme_samples
 from solidtouch.models.io.load import load_taps
+from solidtouch.models.taps import TapSet, concatenate
 
 
 def saturated_taxels(samples):
@@ -72,6 +73,16 @@ def test_single_contacts_cannot_accumulate(make_taps):
         taps
     )
     assert "12 of 12 classes with taps have fewer than 5 distinct taps ((0 mm, rod 2 mm): 3," in warnings_of(taps)
+
+
+def test_taps_with_equal_extremes_are_no_copies(make_taps):
+    """Their samples are compared, here of taps and of the same taps played backwards."""
+    taps = make_taps(repeats=5)
+    backwards = TapSet(taps.dataset.assign(taps=(taps.dataset["taps"].dims, taps.taps[:, ::-1])))
+    both = concatenate([taps, backwards])
+
+    assert "exact copies" not in warnings_of(both)
+    assert "120 taps are exact copies" in warnings_of(concatenate([both, backwards]))
 
 
 def test_copies_do_not_count_as_distinct_taps(make_taps):
