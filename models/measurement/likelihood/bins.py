@@ -201,17 +201,16 @@ class TableForm(NamedTuple):
         Within a bin samples are taken for uniform. Where the range moves inwards, the bins left empty at its ends get
         the density of the end bin, so that no sample becomes impossible by the state alone.
         """
-        K, B = self.log_prob.shape[2:]
-        edges = np.broadcast_to(edges, (K, B + 1))
-        moved = np.empty_like(self.log_prob)
-        for k in range(K):
-            place = _in_bins((edges[k] - offset) / gain, edges[k])
-            cuts = np.union1d(np.arange(B + 1.0), np.append(place, [min(place[0], 0.0), max(place[-1], B)]))
-            source = np.clip(np.floor(0.5 * (cuts[:-1] + cuts[1:])), 0, B - 1).astype(np.intp)
-            pieces = self.log_prob[:, :, k, source] + np.log(np.diff(cuts))
-            first = np.append(0, np.searchsorted(cuts, place[1:-1]))
-            moved[:, :, k] = np.logaddexp.reduceat(pieces, first, axis=-1)
-        return type(self)(moved - np.logaddexp.reduce(moved, axis=-1, keepdims=True))
+        from .moved_bins import move, pieces
+
+        (K, B), moved = self.log_prob.shape[2:], np.empty_like(self.log_prob)
+        for k, own in enumerate(np.broadcast_to(edges, (K, B + 1))):
+            move(self.log_prob, k, *pieces(own, gain, offset), moved)
+        return type(self)(moved)
+
+    def only(self, where: NDArray[np.intp], what: NDArray[np.intp]) -> Self:
+        """Form of some hypotheses as a single row, shape (1, len(where))."""
+        return type(self)(self.log_prob[where, what][np.newaxis])
 
     def prepare(self, impossible: NDArray[np.bool_]) -> "PreparedTable":
         """Precomputed form; hypotheses in the mask `impossible`, shape (L, H), have likelihood 0."""
@@ -229,8 +228,11 @@ class TableForm(NamedTuple):
 
     def of_bins(self, bins: NDArray[np.intp], where: NDArray[np.intp], what: NDArray[np.intp]) -> NDArray[np.float64]:
         """Log probability of bins (N, J, K) under hypotheses (N,), shape (N,); a bin of -1 does not count."""
-        each = self.log_prob[where[:, None, None], what[:, None, None], np.arange(bins.shape[-1]), bins]
-        return np.where(bins < 0, 0.0, each).sum(axis=(1, 2))
+        from .counting import add_bins
+
+        total, rows = np.empty(len(bins)), self.log_prob.reshape(-1, *self.log_prob.shape[2:])
+        add_bins(np.ascontiguousarray(rows), where * self.shape[1] + what, bins, total)
+        return total
 
     def sample(
         self,
@@ -329,10 +331,3 @@ def _draw(
                 while b < B - 1 and upto[b] <= value:
                     b += 1
                 bins[i, j, k] = b
-
-
-def _in_bins(values: NDArray[np.float64], edges: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Values (...) in units of bins from the lowest edge; end bins set the scale beyond the edges."""
-    width = np.diff(edges)
-    inside = np.interp(values, edges, np.arange(len(edges)))
-    return inside + np.minimum(values - edges[0], 0.0) / width[0] + np.maximum(values - edges[-1], 0.0) / width[-1]

@@ -3,8 +3,6 @@
 A tap occupies few of all bins, so its histogram is kept as a list of occupied cells k B + b with their counts, and
 the product of histograms with a table takes these cells only. An impossible cell at -inf then needs no care, as it is
 never multiplied by zero.
-
-All of these functions are in this one file, see `compiled`.
 """
 
 import numpy as np
@@ -161,3 +159,23 @@ def add_rows(rows, group, total):
     for i in range(len(group)):
         for s in range(rows.shape[1]):
             total[group[i], s] += rows[i, s]
+
+
+@compiled
+def add_bins(table, row, bins, total):
+    """Writes the sum of a table's values at the bins of each tap.
+
+    Args:
+        table: Shape (C, K, B).
+        row: Of each tap in the table, shape (n,).
+        bins: Shape (n, J, K); one of -1 does not count.
+        total: Receives the sums, shape (n,).
+    """
+    n, J, K = bins.shape
+    for i in range(n):
+        own, sum_ = table[row[i]], 0.0
+        for j in range(J):
+            for k in range(K):
+                b = np.int64(bins[i, j, k])
+                sum_ += own[k, b] if b >= 0 else 0.0
+        total[i] = sum_

@@ -3,25 +3,19 @@
 A Gaussian over the samples of a tap is a chain of forecasts: each sample is normal given those before it, in the order
 of time and, within one time, of the taxels. Whitening gives all of its innovations at once, sample minus forecast, and
 the probability that the sample falls into its bin is a difference of two normal distribution functions.
-
-All of these functions are in this one file, see `compiled`.
 """
 
 import math
-from decimal import Decimal
 
 import numpy as np
 from numpy.polynomial import Chebyshev, Polynomial
 from scipy.special import erfcx
 
-from ...compiled import compiled, polynomial, power_of_two
+from ...compiled import compiled, polynomial
+from ...elementary import LEAST, exponential
 
 _ROOT_HALF = math.sqrt(0.5)
 _SMALL = 1e-150  # products above it can take one more factor without leaving the range of float64
-_LEAST = -708.0  # exponents below it leave the range of float64
-_PER_LOG_TWO = 1 / math.log(2)
-_LOG_TWO_HIGH = math.ldexp(round(math.ldexp(math.log(2), 32)), -32)  # its products with exponents are exact
-_LOG_TWO_LOW = float(Decimal("0.693147180559945309417232121458") - Decimal(_LOG_TWO_HIGH))
 _PIVOT = 3.75  # of the map of [0, inf) to [-1, 1); Shepherd and Laframboise, Math. Comp. 36 (1981) 249
 
 
@@ -31,15 +25,7 @@ def _scaled_tail(t):
     return (1 + 2 * x) * erfcx(x)
 
 
-_exponential = polynomial([1 / math.factorial(n) for n in range(13, -1, -1)])
 _tail = polynomial(Chebyshev.interpolate(_scaled_tail, 25).convert(kind=Polynomial).coef[::-1])
-
-
-@compiled
-def exponential(x):
-    """Exponential of x, at least `_LEAST`."""
-    n = math.floor(x * _PER_LOG_TWO + 0.5)
-    return _exponential((x - n * _LOG_TWO_HIGH) - n * _LOG_TWO_LOW) * power_of_two(np.int64(np.int32(n)))
 
 
 @compiled
@@ -72,10 +58,10 @@ def intervals(a, b, near, factor):
         near[i] = max(a[i], 0.0)
     for i in range(a.size):
         drop = -0.5 * (b[i] - near[i]) * (b[i] + near[i])
-        factor[i] = scaled_tail(b[i]) * exponential(max(drop, _LEAST))
+        factor[i] = scaled_tail(b[i]) * exponential(max(drop, LEAST))
     for i in range(a.size):
         tail = scaled_tail(abs(a[i]))
-        inside = 1 - tail * exponential(max(-0.5 * a[i] * a[i], _LEAST))
+        inside = 1 - tail * exponential(max(-0.5 * a[i] * a[i], LEAST))
         factor[i] = max((tail if a[i] >= 0 else inside) - factor[i], _SMALL)
 
 

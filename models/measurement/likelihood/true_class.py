@@ -39,22 +39,26 @@ class OwnTaps:
         Args:
             form: Form of the model in the state of gain 1 and offset 0.
         """
+        where, what = self._where, self._what
+        if isinstance(form, TableForm) and len(self._states.gain) > 1:  # only classes of the taps are moved
+            used, row = np.unique(np.stack([where, what]), axis=1, return_inverse=True)
+            form, where, what = form.only(*used), np.zeros_like(row), row
         parts = [
-            log_prior + self._plain(in_one_state(form, gain, offset, self._edges))
+            log_prior + self._plain(in_one_state(form, gain, offset, self._edges), where, what)
             for gain, offset, log_prior in zip(*(values.tolist() for values in self._states), strict=True)
         ]
         return parts[0] if len(parts) == 1 else np.logaddexp.reduce(parts, axis=0)
 
-    def _plain(self, form: Form) -> NDArray[np.float64]:
+    def _plain(self, form: Form, where: NDArray[np.intp], what: NDArray[np.intp]) -> NDArray[np.float64]:
         if self._missing and not form.independent:
             raise InputError(dependent("the model"))
         if isinstance(form, TableForm):
-            return form.of_bins(self._bins, self._where, self._what)
+            return form.of_bins(self._bins, where, what)
         if not isinstance(form, GaussianForm):
-            return form.own(self._taps, self._edges, self._where, self._what)
+            return form.own(self._taps, self._edges, where, what)
         ready = form.prepare(np.zeros(form.shape, dtype=bool))
-        out = np.empty(len(self._where))
-        true_class_log_probability(*self._gaps, self._where * form.shape[1] + self._what, *ready[:-1], out)
+        out = np.empty(len(where))
+        true_class_log_probability(*self._gaps, where * form.shape[1] + what, *ready[:-1], out)
         return out
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import stats
 from solidtouch.models.errors import InputError
-from solidtouch.models.measurement.likelihood import forms, innovations
+from solidtouch.models.measurement.likelihood import forms, innovations, moved_bins
 from solidtouch.models.measurement.likelihood.bins import TableForm, find_bins
 from solidtouch.models.measurement.likelihood.forecasts import (
     log_normal_probability,
@@ -450,6 +450,29 @@ def test_no_bin_becomes_impossible_by_a_state(rng, gain, offset):
 
     assert np.isfinite(moved).all()
     np.testing.assert_allclose(np.exp(moved).sum(axis=-1), 1.0, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("gain", "offset"), [(1.3, 0.4), (0.6, -0.2), (1.0, 5.0)])
+def test_bins_far_below_the_range_of_numbers_are_moved_as_well(rng, gain, offset):
+    """To 1e-12 as sums of logs."""
+    log_prob = -rng.exponential(rng.choice([1.0, 300.0, 5000.0], size=(L, H, K, 60)))
+    log_prob[rng.random(log_prob.shape) < 0.1] = -np.inf
+    edges = np.sort(rng.normal(size=61))
+    moved = TableForm(log_prob).in_state(gain, offset, edges).log_prob
+
+    for k in range(K):
+        source, width, first = moved_bins.pieces(edges, gain, offset)
+        expected = np.logaddexp.reduceat(log_prob[:, :, k, source] + np.log(width), first, axis=-1)
+        expected -= np.logaddexp.reduce(expected, axis=-1, keepdims=True)
+        np.testing.assert_allclose(moved[:, :, k], expected, rtol=1e-12, atol=1e-12)
+    assert (moved < -5000).any()
+    assert np.isneginf(moved).any()
+
+
+def test_some_classes_of_a_table_are_a_row_of_them(rng):
+    form, (where, what) = table_form(rng), (np.array([1, 0, 1]), np.array([2, 2, 0]))
+
+    np.testing.assert_array_equal(form.only(where, what).log_prob, form.log_prob[where, what][None])
 
 
 def test_whole_bins_move_as_they_are(rng):
