@@ -25,7 +25,7 @@ from typing import NamedTuple, TypeGuard
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import beta
+from scipy.special import betainccinv
 
 from ..models.errors import InputError
 from ..models.measurement.histogram import HistogramModel
@@ -48,7 +48,7 @@ def upper_bounds(n: int, classes: int, confidence: float = CONFIDENCE) -> NDArra
     """Increasing bounds U_r at the `ranks` of n calibration taps; all classes hold together at the confidence."""
     r = ranks(n)
     error = (1 - confidence ** (1 / classes)) / max(len(r), 1)
-    return beta.isf(error, r, n + 1 - r)
+    return betainccinv(r, n + 1 - r, error)
 
 
 def log_bets(bounds: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -18,9 +18,15 @@ _OPTIONS: dict[str, Any] = {"nogil": True, "fastmath": {"reassoc", "contract", "
 _intrinsic: Any = intrinsic
 
 
-def compiled[F: Callable[..., Any]](function: F) -> F:
-    """Decorated function, compiled on its first call, that releases the interpreter's lock."""
-    dispatcher: Any = numba.njit(**_OPTIONS)(function)
+def compiled[F: Callable[..., Any]](function: F, *, in_order: bool = False) -> F:
+    """Decorated function, compiled on its first call, that releases the interpreter's lock.
+
+    Args:
+        function: The function.
+        in_order: Whether every operation is rounded as it stands, so that results are the same to the last bit wherever
+            they are computed.
+    """
+    dispatcher: Any = numba.njit(**_OPTIONS | ({"fastmath": False} if in_order else {}))(function)
     with suppress(RuntimeError, OSError):  # no folder can be written, or there is no file
         dispatcher._cache = _Cache(function)
     return dispatcher

@@ -6,14 +6,15 @@ stored in every `TapSet` and every fitted model, and a model refuses taps with a
 
 import json
 from dataclasses import asdict, dataclass, fields
-from typing import Literal, NamedTuple, Self, cast
+from typing import TYPE_CHECKING, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .errors import InputError, check_count, check_numbers
 
-type _Pair = tuple[NDArray[np.float64], NDArray[np.float64]]  # SciPy's return types depend on its options
+if TYPE_CHECKING:
+    from .first_order import FirstOrder
 
 
 @dataclass(frozen=True)
@@ -144,7 +145,7 @@ class TapCutter:
             raise InputError("Cutting a stream into taps needs a clock, contact or press trigger.")
         self.preprocessing = preprocessing
         self.incomplete = 0
-        self._coefficients = _highpass_coefficients(preprocessing)
+        self._filter = _highpass(preprocessing.highpass_hz, preprocessing.rate_hz)
         self._filter_state: NDArray[np.float64] | None = None
         self._tare: NDArray[np.float64] | None = None
         self._untared: list[NDArray[np.float64]] = []
@@ -213,16 +214,11 @@ class TapCutter:
         return frames - self._tare
 
     def _highpass(self, frames: NDArray[np.float64]) -> NDArray[np.float64]:
-        if self._coefficients is None or len(frames) == 0:
+        if self._filter is None or len(frames) == 0:
             return frames
-        from scipy.signal import lfilter, lfilter_zi  # noqa: PLC0415
-
-        b, a = self._coefficients
         if self._filter_state is None:
-            self._filter_state = lfilter_zi(b, a)[:, np.newaxis] * frames[0]
-        result = lfilter(b, a, frames, axis=0, zi=self._filter_state)
-        filtered, self._filter_state = cast("_Pair", result)
-        return filtered
+            self._filter_state = self._filter.before * frames[0]  # as after the same frame for ever
+        return self._filter(frames, self._filter_state)
 
     def _cut(self) -> list[CutTap]:
         taps: list[CutTap] = []
@@ -272,10 +268,9 @@ class TapCutter:
         return None
 
 
-def _highpass_coefficients(record: Preprocessing) -> _Pair | None:
-    """Numerator and denominator of the high-pass filter, or `None`."""
-    if record.highpass_hz == 0:
+def _highpass(cutoff_hz: float, rate_hz: float | None) -> "FirstOrder | None":
+    if not cutoff_hz or rate_hz is None:
         return None
-    from scipy.signal import butter  # noqa: PLC0415
+    from .first_order import FirstOrder  # noqa: PLC0415 - numba takes a quarter of a second to import
 
-    return cast("_Pair", butter(1, record.highpass_hz, "highpass", fs=record.rate_hz))
+    return FirstOrder.highpass(cutoff_hz, rate_hz)

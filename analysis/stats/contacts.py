@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t
+from scipy.special import stdtrit
 
 from ...inference.filter import fold, share, temper
 from ...inference.trials.records import TapTable
@@ -101,7 +101,7 @@ def summarise(rows: Sequence[Accuracy], spread: Spread = NO_SPREAD) -> dict[str,
     first = rows[0]
     if len(rows) > 1:
         means = np.array([row.mean for row in rows])
-        half = t.ppf(0.5 + CONFIDENCE / 2, len(rows) - 1) * means.std(axis=0, ddof=1) / np.sqrt(len(rows))
+        half = stdtrit(len(rows) - 1, 0.5 + CONFIDENCE / 2) * means.std(axis=0, ddof=1) / np.sqrt(len(rows))
         ends, center = (np.clip(mean - half, 0, 1), np.clip(mean + half, 0, 1)), mean
     elif len(first.resampled):
         drawn = with_noise(

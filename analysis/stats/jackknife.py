@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t
+from scipy.special import stdtrit
 
 from .metrics import CONFIDENCE
 
@@ -79,7 +79,7 @@ def interval(value: float, error: float, units: int, intervals: int) -> Interval
 
 @cache
 def _quantile(share: float, freedom: int) -> float:
-    return float(t.ppf(share, freedom))
+    return float(stdtrit(freedom, share))
 
 
 def as_factor(value: Interval) -> Interval:

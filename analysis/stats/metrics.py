@@ -12,7 +12,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 from scipy.sparse import csr_array
-from scipy.stats import t
+from scipy.special import stdtrit
 
 from ...inference.trials.records import ENDINGS, TrialPlan, Trials
 from ...inference.trials.resampling import CONFIDENCE, Spread, resamples_in_words, share_beyond, widened
@@ -233,7 +233,7 @@ def interval_sentence(data_sets: int, kind: str, spread: Spread = NO_SPREAD) -> 
 def _half_width(values: xr.DataArray) -> xr.DataArray:
     """Half the t-interval over data sets; a place may lack trials in some of them."""
     seen = values.count("data_set")
-    return values.std("data_set", ddof=1) * t.ppf(0.5 + CONFIDENCE / 2, seen - 1) / np.sqrt(seen)
+    return values.std("data_set", ddof=1) * stdtrit(seen - 1, 0.5 + CONFIDENCE / 2) / np.sqrt(seen)
 
 
 def _samples(data: xr.Dataset, name: str, spread: Spread) -> NDArray[np.float64]:

@@ -9,7 +9,7 @@ from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t
+from scipy.special import stdtrit
 
 from ...inference.trials.records import TapTable
 from ...inference.trials.resampling import CONFIDENCE, Spread, spread
@@ -73,7 +73,7 @@ def unit_factor(how: Spread) -> float:
         how: How resamples vary; sessions of unequal sizes, and lone taps, leave fewer.
     """
     taken = how.sessions - 1 if how.sessions > 1 else np.inf
-    wanted, used = t.ppf(0.5 + CONFIDENCE / 2, [how.freedom, taken])
+    wanted, used = stdtrit([how.freedom, taken], 0.5 + CONFIDENCE / 2)
     return how.factor * float(wanted / used)
 
 

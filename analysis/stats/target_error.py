@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t
+from scipy.special import stdtrit
 
 from ...inference.moves.control import check_fixation
 from ...inference.trials.records import plan_trials, tap_table
@@ -277,7 +277,7 @@ def prediction_interval(error: NDArray[np.float64]) -> tuple[NDArray[np.float64]
     angle = np.arcsin(np.sqrt(np.clip(error, 0.0, 1.0)))
     squares = ((angle - angle.mean(axis=0)) ** 2).sum(axis=0) + _SESSIONS * _SPREAD**2
     freedom = n - 1 + _SESSIONS
-    half = t.ppf(0.5 + COVERAGE / 2, freedom) * np.sqrt(squares / freedom * (1 + 1 / n))
+    half = stdtrit(freedom, 0.5 + COVERAGE / 2) * np.sqrt(squares / freedom * (1 + 1 / n))
     low, high = (np.clip(angle.mean(axis=0) + sign * half, 0.0, np.pi / 2) for sign in (-1, 1))
     return np.sin(low) ** 2, np.sin(high) ** 2
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from ...inference.bayes_risk.exact_cost import Cost
 from ..page.numbers import interval, listed, percent
@@ -90,7 +90,7 @@ def _mean(each: NDArray[np.float64], name: str) -> dict[str, Any]:
     mean = round(float(each.mean()), 9) + 0.0  # no rounding errors and no negative zero
     if len(each) < 2:
         return {name: mean, f"{name}_low": None, f"{name}_high": None}
-    half = float(norm.ppf((1 + CONFIDENCE) / 2) * each.std(ddof=1) / np.sqrt(len(each)))
+    half = float(ndtri((1 + CONFIDENCE) / 2) * each.std(ddof=1) / np.sqrt(len(each)))
     return {name: mean, f"{name}_low": mean - half, f"{name}_high": mean + half}
 
 

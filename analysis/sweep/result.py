@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from scipy.stats import t
+from scipy.special import stdtrit
 
 from ...models.errors import InputError
 from ..stats.metrics import CONFIDENCE
@@ -79,7 +79,7 @@ def over_data(result: xr.Dataset, names: Sequence[str] = AVERAGED) -> xr.Dataset
             "in the study, such as seeds of a preset or the sessions of a recording, or resamples = 40 of the taps of "
             "one."
         )
-    half = error * xr.apply_ufunc(lambda n: t.ppf(0.5 + CONFIDENCE / 2, np.maximum(n - 1, 1)), count)
+    half = error * xr.apply_ufunc(lambda n: stdtrit(np.maximum(n - 1, 1), 0.5 + CONFIDENCE / 2), count)
     half = half.where(half > _NO_WIDTH)
     ends = {f"{name}_{side}": mean[name] + sign * half[name] for name in names for side, sign in _SIDES}
     found = mean.assign(ends | {"units": count[names[0]]})

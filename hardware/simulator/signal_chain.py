@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
+from ...models.first_order import FirstOrder
 from ...models.seeds import Purpose, generator
 from .settings import RigSettings
 
@@ -73,7 +73,7 @@ class FirstOrderNoise:
         self._width = width
         self._decay = decay
         self._step = step
-        self._state = decay * start * generator.standard_normal((1, width))
+        self._state = decay * start * generator.standard_normal(width)
 
     def draw(self, n: int) -> NDArray[np.float64]:
         """Next `n` samples, shape (n, width)."""
@@ -82,8 +82,7 @@ class FirstOrderNoise:
         steps = self._step * self._generator.standard_normal((n, self._width))
         if self._decay == 0:
             return steps
-        noise, self._state = lfilter([1.0], [1.0, -self._decay], steps, axis=0, zi=self._state)
-        return noise
+        return FirstOrder(1.0, 0.0, self._decay)(steps, self._state)
 
 
 class SensorNoise:
@@ -126,7 +125,7 @@ class SignalChain:
         self._nuisances = nuisances
         self._noise = SensorNoise(settings, seeds)
         self._decay = float(np.exp(-1 / (settings.lag_s * settings.rate_hz))) if settings.lag_s else 0.0
-        self._lag = np.zeros((1, K))
+        self._lag = np.zeros(K)
         self._held = np.zeros(K)
         self._frames = 0
 
@@ -137,8 +136,8 @@ class SignalChain:
             indentation_mm: Indentation of each taxel, shape (n, K).
         """
         if len(indentation_mm) == 0:
-            return np.empty_like(indentation_mm)  # lfilter would not return a usable state
-        lagged, self._lag = lfilter([1 - self._decay], [1.0, -self._decay], indentation_mm, axis=0, zi=self._lag)
+            return np.empty_like(indentation_mm)
+        lagged = FirstOrder(1 - self._decay, 0.0, self._decay)(indentation_mm, self._lag)
         return self._hold(converted(self._settings, self._nuisances, lagged, self._noise.draw(len(lagged))))
 
     def _hold(self, counts: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import t
+from scipy.special import stdtrit
 
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
@@ -150,7 +150,7 @@ def over_parts(
         error, freedom = np.sqrt(np.maximum(chance, means.var(axis=0, ddof=1) / F)), F - 1
     else:
         error, freedom = resampled.std(axis=0, ddof=1), len(resampled) - 1
-    half = error * t.ppf(0.5 + CONFIDENCE / 2, freedom)
+    half = error * stdtrit(freedom, 0.5 + CONFIDENCE / 2)
     mean = means.mean(axis=0)
     all_ = [mean, *(np.asarray(ending).mean(axis=(0, -1)) for ending in endings)]
     low, high = np.minimum.reduce(all_) - half, np.maximum.reduce(all_) + half

@@ -24,7 +24,7 @@ from typing import Annotated, Any, Literal, Self, get_args
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import t
+from scipy.special import stdtrit
 
 from ...models.errors import InputError
 from ...models.seeds import Purpose, generator
@@ -194,7 +194,7 @@ def interval(learner: Learner, arm: int, level: float) -> tuple[float, float]:
     """
     mean, _ = beliefs(learner)
     _, scale, freedom = _posterior(learner)
-    half = float(t.ppf((1 + level) / 2, freedom[arm]) * scale[arm])
+    half = float(stdtrit(freedom[arm], (1 + level) / 2) * scale[arm])
     return float(mean[arm]) - half, float(mean[arm]) + half
 
 

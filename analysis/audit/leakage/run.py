@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from ....models import seeds
 from ....models.errors import InputError
@@ -213,7 +213,7 @@ def accuracy_interval(right: NDArray[np.bool_], cell: NDArray[np.intp]) -> tuple
     G, binomial = len(residual), p * (1 - p) * n
     clustered = float((residual**2).sum()) * G / max(G - 1, 1)
     n = n / max(1.0, clustered / binomial if binomial > 0 else 1.0)
-    z = float(norm.ppf(0.5 + CONFIDENCE / 2))
+    z = float(ndtri(0.5 + CONFIDENCE / 2))
     centre = (p + z**2 / (2 * n)) / (1 + z**2 / n)
     half = z / (1 + z**2 / n) * np.sqrt(p * (1 - p) / n + z**2 / (4 * n**2))
     return max(0.0, float(centre - half)), min(1.0, float(centre + half))
