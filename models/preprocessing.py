@@ -217,7 +217,7 @@ class TapCutter:
         if self._filter is None or len(frames) == 0:
             return frames
         if self._filter_state is None:
-            self._filter_state = self._filter.before * frames[0]  # as after the same frame for ever
+            self._filter_state = np.asarray(self._filter.before * frames[0])  # as after the same frame for ever
         return self._filter(frames, self._filter_state)
 
     def _cut(self) -> list[CutTap]:
