@@ -216,9 +216,10 @@ class TapCutter:
     def _highpass(self, frames: NDArray[np.float64]) -> NDArray[np.float64]:
         if self._filter is None or len(frames) == 0:
             return frames
-        if self._filter_state is None:
-            self._filter_state = np.asarray(self._filter.before * frames[0])  # as after the same frame for ever
-        return self._filter(frames, self._filter_state)
+        state = self._filter_state
+        if state is None:
+            state = self._filter_state = np.asarray(self._filter.before * frames[0])  # as after the same frame for ever
+        return self._filter(frames, state)
 
     def _cut(self) -> list[CutTap]:
         taps: list[CutTap] = []
