@@ -65,7 +65,7 @@ class GenericStory:
         from .fit import Fit, check_prior, posterior
         from .form import Program
         from .sessions import InNewSessions
-        from .structure import structure_of
+        from .structure import check_names, structure_of
 
         if settings.integrate and settings.method == "map":
             raise InputError("A fit by map has one value and no draws to integrate over; use svi, nuts or laplace.")
@@ -76,6 +76,7 @@ class GenericStory:
         session = np.unique(used.session, return_inverse=True)[1]
         sessions = int(session.max()) + 1
         structure = structure_of(self.function, batch, sessions)
+        check_names(self.function, structure)
         full = replace(batch, where=known.where, what=known.what, session=session)
         if not structure.independent:
             refuse_missing(self.function.name, known.samples)

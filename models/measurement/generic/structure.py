@@ -76,10 +76,8 @@ def structure_of(story: StoryFunction, batch: StoryCall, sessions: int = 1) -> S
         raise InputError(f"{story.name} has no latent variable to fit; a model needs at least one.")
     _check_drawn(story, _some(batch, 2), np.shape(few.sites[OBSERVED]["value"]))
     kept = {name: latent for name, latent in latents.items() if name not in enumerated}
-    dims = {name: _dims(name, latent, batch.shape) for name, latent in kept.items()}
-    _check_names(story, dims)
     return Structure(
-        dims,
+        {name: _dims(name, latent, batch.shape) for name, latent in kept.items()},
         more.swapped,
         more.measure,
         not enumerated and not more.swapped and more.alike and not more.looks_back,
@@ -258,16 +256,21 @@ def _check_latent(story: StoryFunction, name: str, latent: dict[str, Any], local
         )
 
 
-def _check_names(story: StoryFunction, dims: dict[str, tuple[str, ...]]) -> None:
-    """Refuses names that arrays in a file cannot have, before a fit that could not be saved."""
-    taken = {"chain", "draw", "integrated", *_DIMS.values(), *chain(*dims.values())}
-    for name in dims:
+def check_names(story: StoryFunction, structure: Structure) -> None:
+    """Checks that latent variables can be arrays of a file and of a tree for ArviZ.
+
+    Raises:
+        InputError: One of them has the name of an axis, or one with a slash.
+    """
+    axes = {"where", "what", "chain", "draw", "integrated", *chain(*structure.dims.values())}
+    axes |= {"time"} if "sample" in axes else set()  # as ArviZ has a dimension `sample` of its own
+    for name in structure.dims:
         if "/" in name:
             raise InputError(
                 f"The latent variable {name!r} of {story.name} has a / in its name, which files cannot hold; rename "
                 'it, or give numpyro.handlers.scope divider=".".'
             )
-        if name in taken or name in {"", "."}:
+        if name in axes or name in {"", "."}:
             raise InputError(
                 f"The latent variable {name!r} of {story.name} needs another name; an axis of files has this one."
                 if name

@@ -13,7 +13,7 @@ from solidtouch.models.measurement import profile_mvn
 from solidtouch.models.measurement.generic import source
 from solidtouch.models.measurement.generic.contract import StoryCall, StoryFunction, measurement_model
 from solidtouch.models.measurement.generic.story import batch_of
-from solidtouch.models.measurement.generic.structure import structure_of
+from solidtouch.models.measurement.generic.structure import check_names, structure_of
 
 L, M, J, K = 3, 2, 5, 4
 
@@ -199,18 +199,6 @@ def lacks_a_part(where, what, taps=None):
     raise NotImplementedError("a part")
 
 
-def named(name):
-    """A story whose latent variable has this name."""
-
-    def story(where, what, taps=None, *, L, J, K):
-        with numpyro.plate("L", L):
-            own = numpyro.sample(name, dist.Normal(0.0, 1.0))
-        with numpyro.plate("tap", len(where), dim=-3), numpyro.plate("J", J, dim=-2), numpyro.plate("K", K, dim=-1):
-            numpyro.sample("taps", dist.Normal(own[where][:, None, None], 1.0), obs=taps)
-
-    return story
-
-
 def with_more_than_taps(of):
     """A story with one more site."""
 
@@ -248,10 +236,6 @@ flat = dist.ImproperUniform(dist.constraints.real, (), ())
         (shared(dist.Bernoulli(0.5)), "'own' of story is shared by all taps"),
         (shared(flat), "'own' of story has no proper prior"),
         (shared(flat.expand([K]).to_event(1).mask(False)), "'own' of story has no proper prior"),
-        (named("cell/loc"), r"'cell/loc' of story has a / in its name.*scope divider=.\..\.$"),
-        (named("where"), "'where' of story needs another name"),
-        (named("chain"), "'chain' of story needs another name"),
-        (named(""), "A latent variable of story has no name"),
         (with_more_than_taps(lambda own: numpyro.factor("more", own)), "a second observed site 'more'"),
         (with_more_than_taps(lambda own: numpyro.sample("x", dist.Normal(own), obs=1.0)), "a second observed site 'x'"),
         (with_more_than_taps(lambda _: numpyro.param("free", 1.0)), "a parameter 'free' without a prior"),
@@ -270,6 +254,26 @@ flat = dist.ImproperUniform(dist.constraints.real, (), ())
 def test_a_function_that_cannot_be_a_model_is_refused(story, message):
     with pytest.raises(InputError, match=message):
         structure(story)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("cell/loc", r"'cell/loc' of story has a / in its name.*scope divider=.\..\.$"),
+        ("where", "'where' of story needs another name"),
+        ("taxel", "'taxel' of story needs another name"),
+        ("time", "'time' of story needs another name"),
+        ("chain", "'chain' of story needs another name"),
+        ("", "A latent variable of story has no name"),
+    ],
+)
+def test_names_that_files_cannot_hold_are_refused(name, message):
+    story = StoryFunction.of(levels, "story")
+    found = structure_of(story, call())
+    check_names(story, found)
+
+    with pytest.raises(InputError, match=message):
+        check_names(story, found._replace(dims={name: (), **found.dims}))
 
 
 def without_what(where, taps=None): ...
