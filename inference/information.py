@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..models.errors import InputError
+from .expectation import entropies, entropy, restrict
 from .moves.holes import Mask
 from .moves.shifts import shift_all
 from .reference import BORDERS, Border
@@ -19,9 +20,7 @@ from .reference import BORDERS, Border
 type About = Literal["joint", "where", "what"]
 
 ABOUT = ("joint", "where", "what")
-_CHUNK = 1 << 17  # probabilities of taps at a time, 1 MiB, which stays in cache
 _NEGLIGIBLE = 1e-100  # products of what is larger are no subnormal numbers, which are slow
-_TINY = np.finfo(np.float64).tiny
 
 
 class TapOutcomes(NamedTuple):
@@ -64,7 +63,7 @@ def tap_outcomes(log_likelihood: ArrayLike, trained: Mask | None = None) -> TapO
     np.exp(given, out=given)
     given /= np.where(possible, given.sum(axis=-1), 1.0)[..., np.newaxis]
     given[given < _NEGLIGIBLE] = 0.0
-    return TapOutcomes(given, np.array([_entropy(row) for row in given]), possible, trained)
+    return TapOutcomes(given, np.array([[entropy(taps) for taps in row] for row in given]), possible, trained)
 
 
 def moves_to_all(beliefs: ArrayLike) -> NDArray[np.intp]:
@@ -123,11 +122,12 @@ def information(outcomes: TapOutcomes, beliefs: ArrayLike, about: About = "joint
     L, M, N = outcomes.given.shape
     if beliefs.shape[-2:] != (L, M):
         raise InputError(f"The taps have {L} x {M} classes, but the beliefs have shape {beliefs.shape}.")
-    rows = believable(beliefs.reshape(-1, L, M), outcomes.possible)
-    expected = _joint if about == "joint" else _of_one
-    step = max(1, _CHUNK // N)
-    parts = [expected(outcomes, rows[start : start + step], about) for start in range(0, len(rows), step)]
-    return np.maximum(np.concatenate([np.empty(0), *parts]), 0.0).reshape(beliefs.shape[:-2])
+    rows = believable(beliefs, outcomes.possible)
+    found = np.empty((len(rows), 2))
+    entropies(rows, outcomes.given.reshape(L * M, N), _groups(about, L, M), found)
+    if about == "joint":
+        found[:, 1] = -(rows @ outcomes.entropy.ravel())
+    return np.maximum(found.sum(axis=1), 0.0).reshape(beliefs.shape[:-2])
 
 
 def information_of_moves(
@@ -156,31 +156,14 @@ def information_of_moves(
 
 
 def believable(beliefs: NDArray[np.float64], possible: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Beliefs (S, L, M) restricted to possible classes, with sum one, or zero if nothing is left."""
-    kept = np.where(possible & (beliefs >= _NEGLIGIBLE), beliefs, 0.0)
-    total = kept.sum(axis=(1, 2), keepdims=True)
-    return kept / np.where(total > 0, total, 1.0)
+    """Beliefs (..., L, M) restricted to possible classes, with sum one, or zero if nothing is left; shape (S, L M)."""
+    flat = np.ascontiguousarray(beliefs).reshape(-1, possible.size)
+    kept = np.empty_like(flat)
+    restrict(flat, possible.ravel(), kept)
+    return kept
 
 
-def _joint(outcomes: TapOutcomes, beliefs: NDArray[np.float64], _: About) -> NDArray[np.float64]:
-    """I(tap; where, what) for beliefs (S, L, M)."""
-    flat = beliefs.reshape(len(beliefs), -1)
-    tap = flat @ outcomes.given.reshape(flat.shape[1], -1)
-    return _entropy(tap) - flat @ outcomes.entropy.ravel()
-
-
-def _of_one(outcomes: TapOutcomes, beliefs: NDArray[np.float64], about: About) -> NDArray[np.float64]:
-    """I(tap; where) or I(tap; what) for beliefs (S, L, M), as H(tap) + H(class) - H(tap, class)."""
-    axis = 0 if about == "where" else 1
-    total = _entropy(beliefs.sum(axis=2 - axis))
-    tap = np.zeros((len(beliefs), outcomes.given.shape[-1]))
-    for belief, given in zip(np.moveaxis(beliefs, axis + 1, 0), np.moveaxis(outcomes.given, axis, 0), strict=True):
-        both = belief @ given
-        total -= _entropy(both)
-        tap += both
-    return total + _entropy(tap)
-
-
-def _entropy(p: NDArray[np.float64]) -> NDArray[np.float64]:
-    """-sum p log p over the last of two axes, for numbers that need not sum to one."""
-    return -np.einsum("ij,ij->i", p, np.log(np.maximum(p, _TINY)))
+def _groups(about: About, L: int, M: int) -> NDArray[np.int64]:
+    """Classes of every position or object, or all in one group."""
+    classes = np.arange(L * M).reshape(L, M)
+    return {"joint": classes.reshape(1, -1), "where": classes, "what": np.ascontiguousarray(classes.T)}[about]

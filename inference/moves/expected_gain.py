@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...models.errors import InputError
+from ..expectation import losses
 from ..information import TapOutcomes, believable, moves_to_all, shifted, tap_outcomes
 from ..reference import Border
 from ..stopping.stopping import Watch
@@ -19,7 +20,6 @@ from .control import MovePolicy, best_move
 from .holes import Mask
 from .shifts import log_sum
 
-_CHUNK = 1 << 17  # joint probabilities of taps and objects per chunk, 1 MiB, to fit into cache
 _ALIKE = 1e-12  # gains within this, in units of the loss, count as equal
 
 
@@ -115,22 +115,15 @@ def expected_gain(
     if beliefs.shape[-2:] != (L, M):
         raise InputError(f"The taps have {L} x {M} classes, but the beliefs have shape {beliefs.shape}.")
     moved = shifted(beliefs, deltas, border, outcomes.trained)
-    rows = believable(moved.reshape(-1, L, M), outcomes.possible)
-    step = max(1, _CHUNK // (N * M))
-    parts = [_loss_after(outcomes, rows[i : i + step], loss) for i in range(0, len(rows), step)]
-    after = np.concatenate([np.empty(0), *parts]).reshape(moved.shape[:-2])
+    rows = believable(moved, outcomes.possible)
+    after = np.empty(len(rows))
+    objects = np.ascontiguousarray(np.arange(L * M).reshape(L, M).T)
+    losses(rows, outcomes.given.reshape(L * M, N), objects, loss, after)
+    after = after.reshape(moved.shape[:-2])
     now = decision_loss(beliefs, loss)[..., np.newaxis]
-    lost = ~rows.any(axis=(1, 2)).reshape(after.shape)
+    lost = ~rows.any(axis=1).reshape(after.shape)
     gain = np.where(lost, 0.0, now - after)
     return np.where(np.abs(gain) > _ALIKE * loss.max(), gain, 0.0)
-
-
-def _loss_after(outcomes: TapOutcomes, beliefs: NDArray[np.float64], loss: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Expected loss of the decision after a tap, of beliefs (S, L, M)."""
-    S, _, M = beliefs.shape
-    by_what = np.ascontiguousarray(np.moveaxis(beliefs, 2, 0))
-    both = np.matmul(by_what, np.moveaxis(outcomes.given, 1, 0))
-    return (loss @ both.reshape(M, -1)).min(axis=0).reshape(S, -1).sum(axis=1)
 
 
 def gain_watch(

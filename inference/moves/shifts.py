@@ -3,10 +3,14 @@
 `reference.shift` says it for one; here it is written for arrays, see `holes` for grids with untrained classes.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
-from ..reference import Border
+from ...models.compiled import compiled
+from ..reference import BORDERS, Border
+from ..trials.scaled import CIRCULAR, CLAMP, PRIOR, UNIFORM
 from .holes import Mask, holes, moved
 
 type Floats = NDArray[np.float64]
@@ -28,36 +32,65 @@ def shift_all(
     trained = holes(trained)
     if trained is not None:
         return _around(beliefs, deltas, border, trained, logs)
+    after = np.empty((*deltas.shape, *beliefs.shape[1:]))
+    _shift(np.ascontiguousarray(beliefs), np.ascontiguousarray(deltas), BORDERS.index(border), logs, after)
+    return after
+
+
+@compiled
+def _shift(beliefs, deltas, border, logs, after):
     _, L, M = beliefs.shape
-    deltas = deltas[..., np.newaxis]
-    source, target = np.arange(L) - deltas, np.arange(L) + deltas
-    rows = np.arange(len(beliefs))[:, np.newaxis, np.newaxis]
-    if border == "circular":
-        return beliefs[rows, source % L]
-    kept = ((source >= 0) & (source < L))[..., np.newaxis]
-    staying = beliefs[rows, source.clip(0, L - 1)]
-    lost = _lost(beliefs, (target < 0) | (target >= L), logs)
-    if border == "clamp":
-        staying = np.where(kept, staying, -np.inf if logs else 0.0)
-        end = np.where(deltas > 0, L - 1, 0)[..., np.newaxis]
-        kept_there = np.take_along_axis(staying, end, axis=2)
-        np.put_along_axis(staying, end, np.logaddexp(kept_there, lost) if logs else kept_there + lost, axis=2)
-        return staying
-    vacated = np.minimum(np.abs(deltas), L).clip(1)[..., np.newaxis]
-    if border == "prior":
-        return np.where(kept, staying, -np.log(L * M) if logs else 1 / (L * M))
-    objects = 1
-    if border == "uniform":
-        every = log_sum(lost, (-1,)) if logs else lost.sum(axis=-1, keepdims=True)
-        lost, objects = np.broadcast_to(every, lost.shape), M
-    return np.where(kept, staying, lost - np.log(vacated * objects) if logs else lost / objects / vacated)
+    lost, nothing = np.empty(M), -np.inf if logs else 0.0
+    for s in range(len(beliefs)):
+        for d in range(deltas.shape[1]):
+            delta = deltas[s, d]
+            out = min(abs(delta), L)
+            first, objects = L - out if delta > 0 else 0, 1.0
+            for m in range(M):
+                lost[m] = _total(beliefs[s, first : first + out, m], logs)
+            if border == UNIFORM:
+                lost[:], objects = _total(lost, logs), M
+            for l in range(L):
+                source = (l - delta) % L if border == CIRCULAR else l - delta
+                kept = 0 <= source < L
+                for m in range(M):
+                    if kept:
+                        new = beliefs[s, source, m]
+                    elif border == CLAMP:
+                        new = nothing
+                    elif border == PRIOR:
+                        new = -np.log(L * M) if logs else 1 / (L * M)
+                    else:
+                        new = lost[m] - np.log(out * objects) if logs else lost[m] / objects / out
+                    after[s, d, l, m] = new
+            if border == CLAMP and out > 0:
+                end = L - 1 if delta > 0 else 0
+                for m in range(M):
+                    after[s, d, end, m] = _sum(after[s, d, end, m], lost[m], logs)
 
 
-def _lost(beliefs: Floats, leaves: NDArray[np.bool_], logs: bool) -> Floats:
-    """Belief in each object that leaves the range, shape (S, D, 1, M)."""
-    if logs:
-        return log_sum(np.where(leaves[..., np.newaxis], beliefs[:, np.newaxis], -np.inf), (2,))
-    return (leaves.astype(np.float64) @ beliefs)[:, :, np.newaxis]
+@compiled
+def _total(values, logs):
+    """Sum of probabilities, or the logarithm of it; `log_sum` of a loop."""
+    if not logs:
+        return values.sum()
+    top = -np.inf
+    for value in values:
+        top = max(top, value)
+    if top == -np.inf:
+        return top
+    total = 0.0
+    for value in values:
+        total += math.exp(value - top)
+    return math.log(total) + top
+
+
+@compiled
+def _sum(a, b, logs):
+    if not logs:
+        return a + b
+    top = max(a, b)
+    return top if top == -np.inf else top + math.log1p(math.exp(min(a, b) - top))
 
 
 def _around(beliefs: Floats, deltas: Integers, border: Border, trained: Mask, logs: bool) -> Floats:
