@@ -8,7 +8,7 @@ from typer import Argument, Context, Option
 from ..models.errors import InputError
 from ..models.settings import PlaySettings
 from .shared.interrupt import loading
-from .shared.options import Fields, Force, SettingFile, given, merged, spelled_out
+from .shared.options import Fields, Force, SettingFile, Story, given, merged, spelled_out
 
 if TYPE_CHECKING:
     from ..models.io.export import Decisions
@@ -36,6 +36,7 @@ def export_model(
         Path | None,
         Option(metavar="FILE", help="File to write; default: MODEL with .json or .h.", show_default=False),
     ] = None,
+    story: Story = None,
     setting: SettingFile = None,
     play: Annotated[PlaySettings, Fields("border", "fixation", theta_x=_ThetaX, threshold=_Threshold)] = PlaySettings(),
     single: Annotated[bool, Option("--single", help="Use single precision in a C header.")] = False,
@@ -53,7 +54,7 @@ def export_model(
         from ..models.io.export import save_exported
         from ..models.io.model_file import load_model
 
-    fitted = load_model(model)
+    fitted = load_model(model, story)
     decisions = _decisions(context, fitted, model, setting, play)
     if layout == "json":
         save_exported(fitted, target, decisions, model.stem, force)

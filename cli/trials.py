@@ -14,6 +14,7 @@ from .shared.options import (
     Force,
     Missing,
     Seed,
+    Story,
     TestSessions,
     Thresholds,
     TrainingTaps,
@@ -46,6 +47,7 @@ def trials(
     thresholds: Thresholds = None,
     test: TestSessions = None,
     training_taps: TrainingTaps = False,
+    story: Story = None,
     missing: Missing = "refuse",
     seed: Seed = 0,
     device: Annotated[
@@ -78,6 +80,7 @@ def trials(
                 sessions=parse_sessions(test, "--test"),
                 training_taps=training_taps,
                 missing=missing,
+                story=story,
                 seed=seed,
                 device=device,
                 workers=workers,

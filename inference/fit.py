@@ -41,7 +41,7 @@ def fit(
         grid: The classes; those of the taps' own tables where none are given. Objects without a tap and empty ends of
             the range are taken out and named in `left_out`, so classes are counted as in the `grid` of the model.
         missing: What to do with samples of files that are NaN: `"refuse"` the file, or `"drop"` them, so that they do
-            not count; the model then drops them from its likelihood, too.
+            not count; tap sets remember it. The model then drops them from its likelihood, too.
         progress: Called with the name of every long stage of a fit and its number of steps; returns the function that
             advances it.
         settings: Fields of `FitSettings`, such as `bins=100`, `pseudocount=0.01` or `power="J"`; a power may also be

@@ -235,7 +235,7 @@ class Division(Checked, frozen=True, kw_only=True):
         train: Sessions to train with, such as `"0,1"`.
         test: Sessions to test.
         training_taps: Whether to keep test taps that are among the training taps; the split's warning names them.
-        missing: What to do with samples that are NaN: `"refuse"` the taps, or `"drop"` these samples, see `TapSet`.
+        missing: What to do with samples that are NaN: `"refuse"` the file, or `"drop"` them; tap sets remember it.
     """
 
     where_cell: str | None = None

@@ -174,7 +174,7 @@ def audit(
     if division.missing == "drop":
         raise InputError("An audit compares samples of all taps, so it refuses missing ones; missing cannot be 'drop'.")
     names = model_names(models)
-    parts, grid = load_parts(data, division)
+    parts, grid = load_parts(data, division, whole=True)
     grid, dropped = trim(grid, [parts.train])
     check_fixation(play.fixation, grid.L)
     fit = fit.changed(seed=seed)

@@ -54,18 +54,21 @@ class AuditParts(NamedTuple):
         return concatenate([self.train, *self.tune, self.measure])
 
 
-def load_parts(data: Sequence[TapSource], division: Division | None = None) -> tuple[AuditParts, ClassGrid]:
+def load_parts(
+    data: Sequence[TapSource], division: Division | None = None, *, whole: bool = False
+) -> tuple[AuditParts, ClassGrid]:
     """The parts of an audit and the classes.
 
     Args:
         data: Tap sets or their files, divided as in `audit_parts`.
         division: The cells, and whether taps that train also tune and measure; it splits nothing.
+        whole: Whether taps with missing samples are refused, also those of tap sets that remember to drop them.
 
     Raises:
         InputError: As `load_taps`, `TapSet.grid` and `audit_parts`.
     """
     division = division or Division()
-    taps = [taps_of(source, division.missing) for source in data]
+    taps = [taps_of(source, None if whole else division.missing) for source in data]
     if not taps:
         raise InputError("Taps to train, tune and measure with are missing; pass one tap set or more.")
     grid = taps[0].grid(division.where_cell, division.what_cell)

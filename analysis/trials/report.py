@@ -96,6 +96,7 @@ def trials(
     sessions: Sequence[int] | None = None,
     training_taps: bool = False,
     missing: Missing = "refuse",
+    story: Callable[..., Any] | str | None = None,
     seed: int = 0,
     device: str = "cpu",
     workers: int | None = None,
@@ -121,7 +122,8 @@ def trials(
         start: Position that all begin in, as index; `None` for any.
         sessions: Sessions of the taps to take; `None` for all.
         training_taps: Whether taps that trained the model are kept.
-        missing: What to do with samples of a file that are NaN: `"refuse"` or `"drop"` them.
+        missing: What to do with samples of a file that are NaN: `"refuse"` or `"drop"` them; tap sets remember it.
+        story: Function of the user's that the file of the model needs, as in `load_model`.
         seed: Random seed.
         device: `"cpu"`, `"gpu"`, or `"xla-cpu"` for the code of the latter on the processor.
         workers: Threads; `None` for as many as there are cores.
@@ -141,7 +143,7 @@ def trials(
         play = play.changed(passive=move == "passive")
     if play.passive and (play.fixation is not None or play.theta_x > 0):
         raise InputError("--passive never moves and does not go with --fixation or --theta-x.")
-    fitted = model_of(model)
+    fitted = model_of(model, story=story)
     called = Path(model).name if isinstance(model, str | Path) else "model"
     grid = fitted.grid
     chosen = select_sessions(taps_of(taps, missing), None if sessions is None else [*sessions], "--test")

@@ -58,28 +58,29 @@ def load_taps(path: str | Path, missing: Missing = "refuse") -> TapSet:
         return recording.tapset(missing)
 
 
-def taps_of(source: TapSource, missing: Missing = "refuse") -> TapSet:
+def taps_of(source: TapSource, missing: Missing | None = None) -> TapSet:
     """The taps themselves, loaded where they are named by their file.
 
     Args:
         source: The taps or their file.
-        missing: As in `load_taps`; a function that cannot drop samples refuses tap sets that lack some.
+        missing: As in `load_taps`; tap sets remember it. Without it no sample may be missing.
 
     Raises:
         InputError: As `load_taps`, or samples of a tap set are missing.
     """
     if not isinstance(source, TapSet):
-        return load_taps(source, missing)
-    check_missing(missing)
-    if missing == "refuse" and source.lacking.any():
+        return load_taps(source, missing or "refuse")
+    check_missing(missing or "refuse")
+    if missing is None and source.lacking.any():
         lacking = int(source.lacking.any(axis=1).sum())
         raise InputError(
-            f'{lacking} of {len(source)} taps have missing samples; use missing="drop" where a function has it.'
+            f"{lacking} of {len(source)} taps have missing samples; only fit, compare, crosscheck, reproduce, trials "
+            "and tune leave them out."
         )
     return source
 
 
-def all_taps_of(sources: TapSource | Sequence[TapSource], missing: Missing = "refuse") -> TapSet:
+def all_taps_of(sources: TapSource | Sequence[TapSource], missing: Missing | None = None) -> TapSet:
     """The taps of one set or file, or of several whose sessions differ in number; `missing` as in `taps_of`.
 
     Raises:

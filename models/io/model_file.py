@@ -120,15 +120,17 @@ def load_model(
     return model.with_missing(missing)
 
 
-def model_of(source: ModelSource, missing: Missing = "refuse") -> TapModel:
-    """The model itself, loaded if it is named by its file; `missing` as in `load_model`, `"drop"` also of a model.
+def model_of(
+    source: ModelSource, missing: Missing = "refuse", story: Callable[..., Any] | str | None = None
+) -> TapModel:
+    """The model itself, loaded if it is named by its file, as by `load_model`; `missing="drop"` also of a model.
 
     Raises:
         InputError: As `load_model`.
     """
     if isinstance(source, TapModel):
         return source if missing == "refuse" else source.with_missing(missing)
-    return load_model(source, missing=missing)
+    return load_model(source, story, missing)
 
 
 def _read(path: Path) -> dict[str, xr.Dataset]:

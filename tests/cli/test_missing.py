@@ -1,10 +1,12 @@
 """Commands on recordings with missing samples."""
 
 import re
+from functools import partial
 
 import numpy as np
 import pytest
 from solidtouch.models.settings import Division
+from solidtouch.models.splits import load_experiment
 from solidtouch.models.taps import TapSet
 
 import solidtouch as st
@@ -60,6 +62,17 @@ def test_missing_samples_are_refused_unless_they_are_to_be_dropped(command, file
 def test_an_audit_takes_no_taps_with_missing_samples(files):
     with pytest.raises(ValueError, match=r"An audit .* refuses missing"):
         st.audit(*files, division=Division(missing="drop"))
+
+
+def test_tap_sets_remember_that_samples_may_be_missing(files):
+    """Where they can be left out; functions that need all samples name those that do not."""
+    taps = st.load_taps(files[0], missing="drop")
+
+    assert st.fit(taps, bins=9).missing == "drop"
+    assert load_experiment([taps], Division(split="parity"))[0].warning
+    for study in (st.inspect, partial(st.audit, taps, taps)):
+        with pytest.raises(ValueError, match=r"taps have missing samples; only fit, compare, .* leave them out"):
+            study(taps)
 
 
 def test_a_model_of_dependent_samples_is_named(command, files, tmp_path):

@@ -50,6 +50,9 @@ def test_a_function_is_fitted_perceives_and_simulates(run):
     told = run(f"perceive walk.nc {play} --story my_models.py:walk --shadow --engine numpy")
     assert '"decision"' in told
     run("simulate --preset model --model walk.nc --story my_models.py:walk --sessions 1 --out drawn")
+    told = run("trials walk.nc session-1.nc --trials 10 --thresholds 0.9 --story my_models.py:walk")
+    assert "my_models.py:walk" not in told
+    assert "it has no tables" in run("export-model walk.nc --format json --story my_models.py:walk", 2)
     assert Path("drawn/session-0.nc").exists()
     assert "changed since" in _changed(run)
 

@@ -83,7 +83,7 @@ def test_missing_samples_are_read_where_they_are_to_be_dropped(kind, make_taps, 
             load_taps(path, missing)
     with pytest.raises(InputError, match="leave out samples that are NaN with --missing drop"):
         load_taps(lacking)
-    assert taps_of(read, "drop") is read
+    assert taps_of(read, "drop") is taps_of(read, "refuse") is read
     with pytest.raises(InputError, match="1 of 8 taps have missing samples"):
         taps_of(read)
     with pytest.raises(InputError, match="missing must be refuse or drop, got 'keep'"):
