@@ -6,13 +6,16 @@ PY := $(VENV)/bin/python
 # Files of tests on all cores, but not on so many that memory runs short, in the order of tests/conftest.py.
 SIDE_BY_SIDE := -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
-.PHONY: run test test-all check format bench bench-quick studies audit-studies interval-studies results reference-studies strategy-studies fuzz faults kills mutants house rig-demo lock clean help
+.PHONY: run test test-times test-all check format bench bench-quick studies audit-studies interval-studies results reference-studies strategy-studies fuzz faults kills mutants house rig-demo lock clean help
 
 run: $(VENV)/.ready-run
 	@$(VENV)/bin/solidtouch reproduce
 
 test: $(VENV)/.ready-dev
 	@$(PY) -m pytest -m "not slow" $(SIDE_BY_SIDE)
+
+test-times: $(VENV)/.ready-dev
+	@$(PY) -m pytest -m "not slow" --durations=20 --durations-min=0 $(SIDE_BY_SIDE)
 
 test-all: $(VENV)/.ready-dev
 	@$(PY) -m pytest
@@ -106,6 +109,7 @@ clean:
 help:
 	@echo "make run     reproduce the paper, about a minute"
 	@echo "make test    run the tests except the slow ones; the first run compiles what later ones find in build/xla"
+	@echo "make test-times  the same, and list the 20 slowest"
 	@echo "make test-all  run all tests, including whole commands, clusters and emulated rigs"
 	@echo "make check   check lint, format, types and import layers"
 	@echo "make format  fix lint and format"

@@ -11,6 +11,7 @@ from .shared.options import CELLS, Exponent, Fields, Force, Seed, spelled_out
 from .shared.report import command_line, report_folder, show_report
 
 _Passive = Annotated[bool, Option("--passive", help="Evaluate passive trials, which never move.")]
+_QUICK_TRIALS, _QUICK_PERMUTATIONS = 1000, 199
 
 
 @spelled_out
@@ -63,10 +64,20 @@ def audit(
     ] = None,
     permutations: Annotated[int, Option(min=99, max=10**6, help="Permutations per test.")] = 999,
     trials: Annotated[int, Option(min=100, help="Trials per remedy and policy.")] = 4000,
+    quick: Annotated[
+        bool,
+        Option(
+            "--quick",
+            help=f"Preview with at most {_QUICK_TRIALS} trials and {_QUICK_PERMUTATIONS} permutations; intervals are "
+            "wider, and small effects are missed.",
+        ),
+    ] = False,
     seed: Seed = 0,
     force: Force = False,
 ) -> None:
     """Test where the independence assumption fails, what that costs, and which remedy helps."""
+    if quick:
+        trials, permutations = min(trials, _QUICK_TRIALS), min(permutations, _QUICK_PERMUTATIONS)
     with loading():
         from ..analysis.audit.report import audit as study
     from .shared.progress import bars

@@ -11,6 +11,8 @@ from .shared.interrupt import loading
 from .shared.options import DIVIDED, FITTING, Data, Fields, Force, Seed, Thresholds, parse_thresholds, spelled_out
 from .shared.report import command_line, report_folder, show_report
 
+_QUICK_DRAWS, _QUICK_TRIALS, _QUICK_FOLDS = 100, 1000, 3
+
 
 @spelled_out
 def compare(
@@ -35,10 +37,20 @@ def compare(
         Literal["session", "position", "object"], Option(help="What models predict without training on it.")
     ] = "session",
     folds: Annotated[int, Option(min=2, help="Most folds; more sessions, positions or objects are grouped.")] = 6,
+    quick: Annotated[
+        bool,
+        Option(
+            "--quick",
+            help=f"Preview with at most {_QUICK_DRAWS} draws, {_QUICK_TRIALS} trials and {_QUICK_FOLDS} folds; "
+            "intervals are wider.",
+        ),
+    ] = False,
     seed: Seed = 0,
     force: Force = False,
 ) -> None:
     """Compare measurement models by prediction, classification and decision error."""
+    if quick:
+        draws, trials, folds = min(draws, _QUICK_DRAWS), min(trials, _QUICK_TRIALS), min(folds, _QUICK_FOLDS)
     with loading():
         from ..analysis.compare.report import compare as study
     from .shared.progress import bars

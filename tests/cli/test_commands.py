@@ -1,5 +1,6 @@
 """What every command says to good and bad input."""
 
+import importlib
 import subprocess
 import sys
 
@@ -9,6 +10,7 @@ import xarray as xr
 from solidtouch.analysis.experiment.crosscheck import CrossCheck, RouteDifference
 from solidtouch.inference.fit import fit
 from solidtouch.models import blocks, storage
+from solidtouch.models.errors import InputError
 from solidtouch.models.io.arviz_tree import to_arviz
 from solidtouch.models.io.model_file import load_model
 from solidtouch.models.measurement.likelihood.bins import count_taps
@@ -445,3 +447,28 @@ def test_a_model_refuses_taps_prepared_otherwise(command, tmp_path, make_taps):
     assert done.code == 2
     assert "rate_hz is 50.0" in done.err
     assert np.array_equal([False], [(tmp_path / "model.nc").exists()])
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "least"),
+    [
+        ("compare", {"draws": 100, "trials": 1000, "folds": 3}, {"draws": 0, "trials": 7, "folds": 2}),
+        ("audit", {"trials": 1000, "permutations": 199}, {"trials": 100, "permutations": 99}),
+    ],
+)
+def test_a_preview_takes_less_of_everything(command, monkeypatch, taps_file, name, given, least):
+    """But never more than what options ask for."""
+
+    def caught(*_, **settings):
+        seen.append(settings)
+        raise InputError("enough")
+
+    seen = []
+    monkeypatch.setattr(importlib.import_module(f"solidtouch.analysis.{name}.report"), name, caught)
+    words = [word for option, value in least.items() for word in (f"--{option}", value)]
+    for more in ((), ("--quick",), ("--quick", *words)):
+        assert command(name, taps_file, *more).err.endswith("enough\n")
+
+    full, quick, small = ({option: settings[option] for option in given} for settings in seen)
+    assert all(full[option] > quick[option] for option in given)
+    assert (quick, small) == (given, least)
