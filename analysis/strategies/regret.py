@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...inference.bayes_risk.bounds import alpha_cost_bound, known_place_bound, qmdp
-from ...inference.bayes_risk.exact_cost import Cost, course, expected_cost
+from ...inference.bayes_risk.exact_cost import Cost, expected_cost, expected_costs
 from ...inference.bayes_risk.problem import RiskProblem
 from ...inference.bayes_risk.risk import exact_rule
 from ...inference.stopping.recorded import stops
@@ -145,10 +145,11 @@ def exact_prices(
 ) -> list[Priced]:
     """One policy with every kind of rule, exact."""
     policy, chances = policy_of(name, world, problem)
+    tried = list(rules(world, problem))
+    found = expected_costs(problem, policy, [rule for *_, rule in tried], watch_of(problem), chances)
     costs: dict[str, list[Priced]] = {}
-    for kind, label, rule in rules(world, problem):
-        cost = expected_cost(problem, course(policy, rule, watch_of(problem)), chances).total
-        costs.setdefault(kind, []).append(Priced(name, kind, label, cost, np.array([cost])))
+    for (kind, label, _), cost in zip(tried, found, strict=True):
+        costs.setdefault(kind, []).append(Priced(name, kind, label, cost.total, np.array([cost.total])))
     advance(1)
     return _cheapest_rules(costs)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from sampled_costs import sampled_costs
 from solidtouch.inference import reference
-from solidtouch.inference.bayes_risk.exact_cost import Acts, Cost, course, expected_cost
+from solidtouch.inference.bayes_risk.exact_cost import Acts, Cost, course, expected_cost, expected_costs
 from solidtouch.inference.bayes_risk.problem import risk_problem
 from solidtouch.inference.moves.control import fixation, passive, random_place, random_step
 from solidtouch.inference.moves.expected_gain import gain_watch
@@ -64,6 +64,23 @@ def test_a_fixed_number_of_taps_without_moves_costs_these_and_the_errors(rng):
     cost = expected_cost(problem_of(rng), course(passive(), stopping.after(3)))
 
     assert cost[2:] == pytest.approx((3, 0, 0))
+
+
+@pytest.mark.parametrize(("policy", "chances"), [(fixation(1), 1), (random_place(), L)])
+def test_costs_of_several_rules_are_those_of_each_alone(rng, policy, chances):
+    problem = problem_of(rng, loss=[[0.0, 3.0], [2.0, 0.0], [0.3, 0.3]])
+    watch = gain_watch(problem.outcomes, problem.loss, border="clamp")
+    rules = [
+        stopping.what_above(0.6),
+        stopping.what_above(0.95),
+        stopping.after(3),
+        stopping.lookahead(0.05),
+        stopping.or_give_up(stopping.what_above(0.9), 2, 0.7),
+    ]
+    expected = [expected_cost(problem, course(policy, rule, watch), chances) for rule in rules]
+
+    np.testing.assert_allclose(expected_costs(problem, policy, rules, watch, chances), expected, rtol=1e-12, atol=1e-12)
+    assert len({cost.total for cost in expected}) == len(rules)
 
 
 def test_cost_with_drawn_trials_agrees(rng):
