@@ -64,6 +64,7 @@ class GenericStory:
         """
         from .fit import Fit, check_prior, posterior
         from .form import Program
+        from .known import known_classes
         from .sessions import InNewSessions
         from .structure import check_names, structure_of
 
@@ -84,16 +85,18 @@ class GenericStory:
         fit = Fit(self.function, structure, full, samples, settings.seed, settings.steps, progress, present)
         warning = check_prior(fit)
         found: Posterior = posterior(fit, "svi" if settings.method == "closed" else settings.method)
+        program, parameters = Program(self.function, structure, batch, sessions), found.point()
+        kept["covered"] = known_classes(program, parameters, kept["covered"])
         model = GenericModel(
             story=self,
-            program=Program(self.function, structure, batch, sessions),
+            program=program,
             scaling=scaling,
-            parameters=found.point(),
+            parameters=parameters,
             left_out=grid.untouched(kept["covered"]),
             **kept,
         )
         if structure.by_session:
-            found = InNewSessions(found, model.program)
+            found = InNewSessions(found, program)
         return Fitted(model, found, found.convergence()._replace(warning=warning))
 
     def read(

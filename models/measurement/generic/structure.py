@@ -87,6 +87,17 @@ def structure_of(story: StoryFunction, batch: StoryCall, sessions: int = 1) -> S
     )
 
 
+def shapes_of(story: StoryFunction, batch: StoryCall) -> dict[str, tuple[int, ...]]:
+    """Shapes of the latent variables of taps in one session, by name, but of discrete ones.
+
+    Raises:
+        InputError: The function fails.
+    """
+    sites = _traced(story, _some(batch, 2), 2).sites
+    latents = {name: site for name, site in sites.items() if site["type"] == "sample" and not site["is_observed"]}
+    return {name: np.shape(s["value"]) for name, s in latents.items() if not s["fn"].support.is_discrete}
+
+
 def _some(batch: StoryCall, n: int) -> StoryCall:
     """StoryCall of n taps of its classes in turn, from the last one back."""
     L, M, _, _ = batch.shape
