@@ -2,12 +2,15 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import NamedTuple
 
-from ...hardware.simulator.session import simulate_session
-from ...hardware.simulator.settings import preset
+import numpy as np
+from numpy.typing import NDArray
+
+from ...hardware.simulator.session import cut_session, session_counts, simulate_session
+from ...hardware.simulator.settings import RigSettings, preset
 from ...models.grid import ClassGrid, policies
 from ...models.io.load import TapSource, names_of, taps_of
 from ...models.io.recording import naming
@@ -18,6 +21,7 @@ from ...models.splits import Fold, load_experiment
 from ..stats.resampled_units import RESAMPLES, resampled_sentence
 
 _FEWEST_SESSIONS = 3
+_KEPT = 128  # simulated sessions, of the paper 1 MB each, that are not simulated again for another filter
 
 
 class Source(NamedTuple):
@@ -69,7 +73,7 @@ def simulated_source(name: str, data_sets: int, seed: int) -> Source:
         InputError: There is no such preset.
     """
     settings = preset(name)
-    load = partial(_simulate, name, seed)
+    load = partial(_simulate, name, seed, lru_cache(_KEPT)(session_counts))
     first = load(0, settings.highpass_hz)
     grid = first.train.grid()
     units = (
@@ -114,8 +118,14 @@ def right_model(seed: int, samples: int = 4, power: str = "none") -> HistogramMo
     return replace(model, preprocessing=replace(model.preprocessing, samples=samples))
 
 
-def _simulate(name: str, seed: int, number: int, highpass_hz: float) -> Fold:
-    settings = replace(preset(name), highpass_hz=highpass_hz)
-    own = data_set_seed(seed, number)
-    train, test = (simulate_session(settings, own, session) for session in (0, 1))
+def _simulate(
+    name: str,
+    seed: int,
+    counts: Callable[[RigSettings, int, int], NDArray[np.uint8]],
+    number: int,
+    highpass_hz: float,
+) -> Fold:
+    settings, own = preset(name), data_set_seed(seed, number)
+    filtered = replace(settings, highpass_hz=highpass_hz)
+    train, test = (cut_session(filtered, own, session, counts(settings, own, session)) for session in (0, 1))
     return Fold(train, test, f"data set {number}")

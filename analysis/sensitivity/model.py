@@ -1,5 +1,7 @@
 """The paper's histograms under any reading of Eq. 1 and 2: root, bins, and probability of an empty bin."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,25 +16,23 @@ from .choices import Reading
 _BEYOND = 1e6  # times the width of the range, where bins for samples beyond it end; those farther out fall in them too
 
 
-def read_model(reading: Reading, train: TapSet, grid: ClassGrid) -> TapModel:
-    """The measurement model of training taps under a reading.
+def histograms(reading: Reading, train: TapSet, grid: ClassGrid) -> HistogramModel:
+    """Histograms of training taps in the bins of a reading, which readings share that differ in other respects.
 
     Args:
-        reading: How Eq. 1 and 2 are read.
+        reading: Its number of bins and their range count here.
         train: Training taps.
         grid: The classes.
 
     Raises:
         InputError: As `fit`.
     """
-    histogram = fit(
-        train,
-        grid,
-        bins=reading.bins,
-        pseudocount=reading.pseudocount,
-        power=reading.power,
-        edges=_edges(reading, train),
-    )
+    return fit(train, grid, edges=_edges(reading, train))
+
+
+def with_reading(reading: Reading, histogram: HistogramModel) -> TapModel:
+    """The measurement model of a reading from histograms in its bins."""
+    histogram = replace(histogram, power=reading.power, pseudocount=reading.pseudocount)
     if (reading.added, reading.outside) == ("all", "end bin"):
         return histogram
     tables, empty = smoothed(histogram, reading.added)
@@ -42,11 +42,11 @@ def read_model(reading: Reading, train: TapSet, grid: ClassGrid) -> TapModel:
         beyond = np.where(histogram.trained[..., np.newaxis, np.newaxis], beyond, 0.0)
         tables, edges = np.concatenate([beyond, tables, beyond], axis=-1), _with_outer_bins(edges)
     return TableModel(
-        grid=grid,
+        grid=histogram.grid,
         edges=edges,
         probabilities=tables,
         power=reading.power,
-        preprocessing=train.preprocessing,
+        preprocessing=histogram.preprocessing,
         left_out=histogram.left_out,
     )
 

@@ -13,6 +13,7 @@ from ...inference.trials.records import TapTable, TrialPlan, Trials, plan_trials
 from ...inference.trials.resampling import spread
 from ...inference.trials.run import THRESHOLDS, run_trials
 from ...models.grid import ClassGrid
+from ...models.measurement.histogram import HistogramModel
 from ...models.measurement.model import TapModel
 from ...models.progress import Progress
 from ...models.seeds import data_set_seed
@@ -27,7 +28,7 @@ from ..stats.jackknife import Interval, Means
 from ..stats.resampled_units import resampled_tables, units_of
 from .choices import CHOICES, Catalogue, Choice, Option, Reading, applicable, changed
 from .effects import Effect, Scale, absolute, effect, interaction, intervals_of
-from .model import impossible_share, read_model
+from .model import histograms, impossible_share, with_reading
 from .trials import OpenTrials, play_open
 
 type Options = tuple[Option, ...]
@@ -220,16 +221,19 @@ class _Bench:
     def __init__(self, source: Source, number: int) -> None:
         self._source, self._number = source, number
         self._folds: dict[float, Fold] = {}
+        self._histograms: dict[tuple[object, ...], HistogramModel] = {}
         self._tables: dict[tuple[object, ...], tuple[TapModel, TapSet, TapTable]] = {}
 
     def table(self, reading: Reading) -> tuple[TapModel, TapSet, TapTable]:
         """The model, the usable test taps and their log-likelihoods."""
-        measurement = (reading.power, reading.pseudocount, reading.added, reading.bins, reading.value_range)
-        key = (*measurement, reading.outside, reading.highpass_hz)
+        hz = reading.highpass_hz
+        bins = hz, reading.bins, reading.value_range
+        key = (*bins, reading.power, reading.pseudocount, reading.added, reading.outside)
         if key not in self._tables:
-            hz = reading.highpass_hz
             fold = self._folds.get(hz) or self._folds.setdefault(hz, self._source.load(self._number, hz))
-            model = read_model(reading, fold.train, self._source.grid)
+            if bins not in self._histograms:
+                self._histograms[bins] = histograms(reading, fold.train, self._source.grid)
+            model = with_reading(reading, self._histograms[bins])
             test = model.usable(fold.test)
             self._tables[key] = model, test, tap_table(model, test)
         return self._tables[key]

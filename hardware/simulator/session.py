@@ -52,12 +52,35 @@ def simulate_session(settings: RigSettings, seed: int, session: int) -> TapSet:
     Returns:
         Taps in counts after the high-pass filter, with commanded positions in mm as `where`.
     """
+    return cut_session(settings, seed, session, session_counts(settings, seed, session))
+
+
+def session_counts(settings: RigSettings, seed: int, session: int) -> NDArray[np.uint8]:
+    """Counts of the converter in one session, which do not depend on the high-pass filter.
+
+    Args:
+        settings: Settings of the rig.
+        seed: Seed of the data set.
+        session: Number of the session.
+
+    Returns:
+        A stream of frames for each object, shape (M, n J, K).
+    """
+    streams = (
+        TapStream(settings, seed, session, Purpose.COLLECTION, m).counts(settings.nominal_mm, m)
+        for m in range(len(settings.rods))
+    )
+    return np.array([counts.astype(np.uint8) for counts in streams])
+
+
+def cut_session(settings: RigSettings, seed: int, session: int, counts: NDArray[np.uint8]) -> TapSet:
+    """As `simulate_session`, from the counts of `session_counts` under settings that may differ in the high-pass."""
     nominal = settings.nominal_mm
     M, n = len(settings.rods), len(nominal)
-    streams = [TapStream(settings, seed, session, Purpose.COLLECTION, m) for m in range(M)]
+    taps = [tap.samples for frames in counts for tap in TapCutter(settings.preprocessing).push(frames)]
     edges = settings.where_edges_mm
     return TapSet.from_arrays(
-        np.concatenate([stream.tap(nominal, m) for m, stream in enumerate(streams)]),
+        np.array(taps),
         np.repeat(np.arange(M), n),
         [rod.name for rod in settings.rods],
         preprocessing=settings.preprocessing,
@@ -110,8 +133,11 @@ class TapStream:
         Returns:
             Counts after the high-pass filter, shape (n, J, K).
         """
-        counts = self._chain.read(self._indentation(np.asarray(position_mm, dtype=np.float64), what))
-        return np.array([tap.samples for tap in self._cutter.push(counts)])
+        return np.array([tap.samples for tap in self._cutter.push(self.counts(position_mm, what))])
+
+    def counts(self, position_mm: ArrayLike, what: int) -> NDArray[np.float64]:
+        """Counts of the converter during taps at these positions in turn, whole numbers up to 255, shape (n J, K)."""
+        return self._chain.read(self._indentation(np.asarray(position_mm, dtype=np.float64), what))
 
     def _indentation(self, position_mm: NDArray[np.float64], what: int) -> NDArray[np.float64]:
         """Indentation of the taxels during these taps in mm, with the robot's inaccuracy; shape (n J, K)."""

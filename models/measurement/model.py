@@ -352,7 +352,7 @@ class TapModel(ABC):
         known = self.known(taps)
         if not known.any():
             raise InputError("No tap left: none belongs to a class with training taps.")
-        return taps.select(known)
+        return taps if known.all() else taps.select(known)
 
     def known(self, taps: "TapSet") -> NDArray[np.bool_]:
         """Mask of the taps whose class was trained, shape (N,)."""

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from solidtouch.hardware.simulator.rig import SimulatedRig
-from solidtouch.hardware.simulator.session import TapStream, simulate_session
+from solidtouch.hardware.simulator.session import TapStream, cut_session, session_counts, simulate_session
 from solidtouch.hardware.simulator.settings import PAPER_RODS, PRESETS, Rod, preset
 from solidtouch.hardware.simulator.signal_chain import session_nuisances
 from solidtouch.models.errors import InputError
@@ -51,6 +51,17 @@ def test_taps_made_in_pieces_are_the_taps_made_together(small):
     pieces = [stream.tap(part, 1) for part in np.split(position, [1, 4])]
 
     np.testing.assert_allclose(whole, np.concatenate(pieces), rtol=0, atol=1e-9)
+
+
+def test_the_same_counts_serve_every_high_pass(small):
+    counts = session_counts(small, 2, 1)
+    found = []
+    for hz in (0.0, 0.5, 3.0):
+        settings = replace(small, highpass_hz=hz)
+        found.append(cut_session(settings, 2, 1, counts))
+
+        assert found[-1].dataset.identical(simulate_session(settings, 2, 1).dataset)
+    assert not same_taps(found[0], found[1])
 
 
 def test_a_seed_reproduces_a_session_and_others_differ(small):

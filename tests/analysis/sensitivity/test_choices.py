@@ -7,12 +7,16 @@ import numpy as np
 import pytest
 from solidtouch.analysis.experiment.sources import simulated_source
 from solidtouch.analysis.sensitivity.choices import CHOICES, Option, Reading, applicable, changed
-from solidtouch.analysis.sensitivity.model import impossible_share, read_model
+from solidtouch.analysis.sensitivity.model import histograms, impossible_share, with_reading
 from solidtouch.models.errors import InputError
 from solidtouch.models.measurement.histogram import fit
 from solidtouch.models.taps import TapSet
 
 RECORDS = Path(__file__).parents[3] / "docs" / "decisions"
+
+
+def read_model(reading, train, grid):
+    return with_reading(reading, histograms(reading, train, grid))
 
 
 @pytest.fixture(scope="module")

@@ -368,6 +368,7 @@ def test_usable_taps_are_those_of_trained_classes(taps, grid):
 
     assert model.trained[where, what].all()
     assert len(where) == len(taps) * 10 // 12
+    assert fit(taps, grid).usable(taps) is taps
     with pytest.raises(InputError, match="No tap left: none belongs"):
         model.usable(taps.select((taps.what == 0) & (taps.where == 0)))
 
