@@ -18,7 +18,7 @@ from .threads import cores, in_order
 
 BLOCK = 1 << 24
 """Bytes of samples read at a time."""
-_BYTES = 8
+_BYTES, _THREADS = 8, 4
 
 
 def block_length(samples: Any) -> int:
@@ -32,7 +32,7 @@ def over_blocks[T](samples: Any, work: Callable[[NDArray[Any], slice], T], worke
     Args:
         samples: Shape (N, J, K).
         work: Takes the samples of a block and which taps these are; from any thread.
-        workers: Number of threads; default one per core.
+        workers: Number of threads; default one per core, at most 4, as each holds blocks.
     """
     step = block_length(samples)
     parts = [slice(start, min(start + step, len(samples))) for start in range(0, len(samples), step)]
@@ -40,7 +40,7 @@ def over_blocks[T](samples: Any, work: Callable[[NDArray[Any], slice], T], worke
     def task(part: slice) -> Callable[[], T]:
         return lambda: work(np.asarray(samples[part]), part)
 
-    yield from in_order(map(task, parts), min(len(parts), cores(workers)) or 1)
+    yield from in_order(map(task, parts), min(len(parts), workers or min(cores(None), _THREADS)) or 1)
 
 
 @dataclass(frozen=True, eq=False)

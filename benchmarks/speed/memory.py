@@ -5,6 +5,7 @@ of these sizes into a temporary folder and runs `convert`, `inspect`, `fit` and 
 """
 
 import argparse
+import os
 import re
 import resource
 import subprocess
@@ -58,6 +59,7 @@ class CommandPeak(NamedTuple):
         seconds: From start to end.
         processor: Seconds of processor time.
         mebibytes: Peak resident memory.
+        load: Load average over the minute before.
     """
 
     command: str
@@ -65,6 +67,7 @@ class CommandPeak(NamedTuple):
     seconds: float
     processor: float
     mebibytes: float
+    load: float
 
 
 def peaks(quick: bool = False) -> dict[int, float]:
@@ -149,13 +152,15 @@ def recording_table(found: Sequence[CommandPeak]) -> str:
             f"{one.processor:.1f} s",
             f"{1e3 * one.gigabytes / one.seconds:.0f} MB/s",
             f"{one.mebibytes:.0f} MiB",
+            f"{one.load:.1f}",
         ]
         for one in found
     ]
-    return table(["command", "recording", "time", "processor time", "rate", "peak memory"], lines)
+    return table(["command", "recording", "time", "processor time", "rate", "peak memory", "load before"], lines)
 
 
 def _measured(words: Sequence[str], size: float, folder: Path) -> CommandPeak:
+    load = os.getloadavg()[0]
     before, started = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
     command = [sys.executable, "-c", _COMMAND, *words]
     done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)  # noqa: S603
@@ -163,7 +168,7 @@ def _measured(words: Sequence[str], size: float, folder: Path) -> CommandPeak:
     if done.returncode:
         raise RuntimeError(f"solidtouch {' '.join(words)} failed:\n{done.stderr}")
     processor = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return CommandPeak(" ".join(words), size, seconds, processor, int(done.stderr.split()[-1]) / 1024)
+    return CommandPeak(" ".join(words), size, seconds, processor, int(done.stderr.split()[-1]) / 1024, load)
 
 
 def _peak(trials: int) -> float:
