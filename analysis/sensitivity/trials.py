@@ -1,7 +1,7 @@
-"""Trials under any reading of the paper, all in lockstep, with log beliefs.
+"""Trials under any reading of the paper, compiled.
 
-The compiled trials (`inference.trials.run`) know our defaults and the borders. Here are the other orders, ends of the
-range and ways to draw taps too, at a tenth of the speed; at the defaults every decision is the same.
+The trials of `inference.trials.run` know our defaults and the borders. Here are the other orders, ends of the range and
+ways to draw taps too, in a loop that is simpler and several times slower; at the defaults every decision is the same.
 """
 
 from typing import NamedTuple
@@ -9,11 +9,22 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...inference.moves.shifts import log_sum
-from ...inference.trials.lockstep import drawn_taps, shift_beliefs
-from ...inference.trials.records import Rule, TapTable, TrialPlan, Trials, checked_plan
+from ...inference.engines.compiled import classes, likelihoods, scaled_belief
+from ...inference.trials.records import (
+    Classes,
+    Likelihoods,
+    Rule,
+    ScaledBelief,
+    TapTable,
+    TrialPlan,
+    Trials,
+    checked_plan,
+)
 from ...inference.trials.run import empty_trials, make_rule
+from ...inference.trials.scaled import multiply, settle, shift, shift_around
 from ...models import seeds
+from ...models.compiled import compiled
+from ...models.grid import TapPool
 from ...models.settings import PlaySettings
 from .choices import Reading
 
@@ -38,26 +49,20 @@ class OpenTrials(NamedTuple):
     impossible: NDArray[np.bool_]
 
 
-class _OpenState(NamedTuple):
-    """Trials still under way; all arrays have one row for each."""
+class _Way(NamedTuple):
+    """How a reading has trials played.
 
-    row: Integers
-    log_belief: Floats
-    at: Integers
-    clamped: Integers
-    substituted: Integers
-    shifted: Integers
+    Attributes:
+        move_first: Whether the stop test comes after move and shift.
+        real: Whether the belief is shifted by what the sensor really moved.
+        refused: Whether moves beyond the range are refused.
+        replacement: Whether test taps are drawn with replacement.
+    """
 
-    def keep(self, which: NDArray[np.bool_]) -> "_OpenState":
-        """Some of the trials."""
-        return _OpenState(
-            self.row[which],
-            self.log_belief[which],
-            self.at[which],
-            self.clamped[which],
-            self.substituted[which],
-            self.shifted[which],
-        )
+    move_first: bool
+    real: bool
+    refused: bool
+    replacement: bool
 
 
 def play_open(
@@ -80,115 +85,135 @@ def play_open(
     plan = checked_plan(plan, table.pool)
     n, H = len(plan.where), len(rule.thresholds)
     done = OpenTrials(empty_trials(n, H), np.zeros((n, H), np.int64), np.zeros((n, H), np.int64), np.zeros(n, np.bool_))
-    decided = np.zeros((n, H), np.bool_)
+    clamping = reading.clamping
+    way = _Way(reading.order == "after", clamping == "real", clamping == "refused", reading.replacement)
+    taps, prior, trained = likelihoods(table.log_likelihood), scaled_belief(table.log_prior), classes(table.trained)
     words = seeds.words(seed, plan.stream, seeds.TAPS, 0, rule.deadline)
-    at = table.pool.nearest[plan.where, plan.what]
-    zero = np.zeros(n, np.int64)
-    belief = np.broadcast_to(table.log_prior, (n, *table.log_prior.shape))
-    state = _OpenState(np.arange(n), belief, at, zero, (at != plan.where).astype(np.int64), zero)
-    used = None if reading.replacement else np.zeros((n, len(table.log_likelihood)), np.bool_)
-    for number in range(rule.deadline):
-        tap = _draw(table, plan.what[state.row], state, words[state.row, number], used)
-        log_belief = state.log_belief + table.log_likelihood[tap]
-        possible = log_belief.max(axis=(1, 2)) > -np.inf
-        if not possible.all():
-            lost = state.keep(~possible)
-            done.impossible[lost.row] = True
-            _decide(done, decided, lost, tap[~possible], number, rule, cut=True)
-            state, tap, log_belief = state.keep(possible), tap[possible], log_belief[possible]
-        state = state._replace(log_belief=log_belief - log_sum(log_belief, (1, 2)))
-        if reading.order == "after":
-            state = _move(state, plan, table, rule, reading)
-        _decide(done, decided, state, tap, number, rule, cut=number == rule.deadline - 1)
-        state = state.keep(~decided[state.row].all(axis=1))
-        if not len(state.row):
-            break
-        if reading.order == "before":
-            state = _move(state, plan, table, rule, reading)
+    _play(taps, table.pool, prior, trained, plan, rule, way, words, done)
     return done
 
 
-def _draw(
-    table: TapTable, what: Integers, state: _OpenState, word: NDArray[np.uint64], used: NDArray[np.bool_] | None
-) -> Integers:
-    """A test tap of each trial's class; those drawn are marked in `used` (n, N), where that is given."""
-    if used is None:
-        return drawn_taps(table, state.at, what, word)
-    pool = table.pool
-    first, count = pool.first[state.at, what], pool.count[state.at, what]
-    place = np.arange(count.max())
-    tap = pool.order[np.minimum(first[:, np.newaxis] + place, len(pool.order) - 1)]
-    inside = place < count[:, np.newaxis]
-    row = state.row[:, np.newaxis]
-    free = inside & ~used[row, tap]
-    again = ~free.any(axis=1)
-    if again.any():
-        which, column = np.nonzero(inside & again[:, np.newaxis])
-        used[state.row[which], tap[which, column]] = False
-        free[again] = inside[again]
-    number = seeds.below(word, free.sum(axis=1).astype(np.uint64)).astype(np.int64)
-    chosen = (free.cumsum(axis=1) > number[:, np.newaxis]).argmax(axis=1)
-    tap = tap[np.arange(len(tap)), chosen]
-    used[state.row, tap] = True
-    return tap
-
-
-def _move(state: _OpenState, plan: TrialPlan, table: TapTable, rule: Rule, reading: Reading) -> _OpenState:
-    """Moves the sensors and shifts the beliefs; Eq. 8 to 10."""
-    if rule.theta_x >= 1:
-        return state
-    where = np.exp(state.log_belief).sum(axis=2)
-    best = where.argmax(axis=1)
-    moves = where[np.arange(len(best)), best] > rule.theta_x
-    delta = np.where(moves, plan.fixation[state.row] - best, 0)
-    L = where.shape[1]
-    commanded = state.at + delta
-    reached = np.clip(commanded, 0, L - 1)
-    beyond = reached != commanded
-    if reading.clamping == "refused":
-        delta, reached = np.where(beyond, 0, delta), np.where(beyond, state.at, reached)
-    at = table.pool.nearest[reached, plan.what[state.row]]
-    shift = at - state.at if reading.clamping == "real" else delta
-    log_belief = state.log_belief.copy()
-    moved = shift != 0
-    if moved.any():
-        log_belief[moved] = shift_beliefs(log_belief[moved], shift[moved], reading.border, table.trained)
-    return state._replace(
-        log_belief=log_belief,
-        at=at,
-        clamped=state.clamped + beyond,
-        substituted=state.substituted + (at != reached),
-        shifted=state.shifted + shift,
-    )
-
-
-def _decide(
-    done: OpenTrials,
-    decided: NDArray[np.bool_],
-    state: _OpenState,
-    tap: Integers,
-    number: int,
+@compiled
+def _play(
+    table: Likelihoods,
+    pool: TapPool,
+    prior: ScaledBelief,
+    trained: Classes,
+    plan: TrialPlan,
     rule: Rule,
-    *,
-    cut: bool,
+    way: _Way,
+    words: NDArray[np.uint64],
+    done: OpenTrials,
 ) -> None:
-    """Writes down what is decided now: at thresholds that are crossed, and at all others where trials are cut short."""
-    belief = np.exp(state.log_belief)
-    what, where = belief.sum(axis=1), belief.sum(axis=2)
-    best = what.argmax(axis=1)
-    top = what[np.arange(len(best)), best]
-    crossed = (top[:, np.newaxis] > rule.thresholds) & ~(cut & done.impossible[state.row])[:, np.newaxis]
-    i, h = np.nonzero((crossed | cut) & ~decided[state.row])
-    row, column = state.row[i], rule.column[h]
-    decided[row, h] = True
-    trials = done.trials
-    trials.taps[row, column] = number + 1
-    trials.what[row, column] = best[i]
-    trials.where[row, column] = where.argmax(axis=1)[i]
-    trials.true_where[row, column] = state.at[i]
-    trials.stopped[row, column] = crossed[i, h]
-    trials.clamped[row, column] = state.clamped[i]
-    trials.substituted[row, column] = state.substituted[i]
-    trials.belief[row, column] = top[i]
-    done.tap[row, column] = tap[i]
-    done.shifted[row, column] = state.shifted[i]
+    M, L = prior.z.shape
+    H, trials = len(rule.thresholds), done.trials
+    z, k, on, ones = np.empty((M, L)), np.empty((M, L), np.int64), np.empty((M, L)), np.ones((M, L))
+    where, what, used = np.empty(L), np.empty(M), np.full(len(table.rows), -1)
+    for i in range(len(plan.what)):
+        z[:], k[:] = prior.z, prior.k
+        settle(z, k, on)
+        held = plan.what[i]
+        at = pool.nearest[plan.where[i], held]
+        clamped, substituted, shifted, decided = 0, np.int64(at != plan.where[i]), 0, 0
+        for number in range(rule.deadline):
+            tap = _draw(pool, at, held, words[i, number], i, -1 if way.replacement else i, used)
+            row, possible = table.rows[tap], False
+            for m in range(M):
+                for l in range(L):
+                    possible |= z[m, l] > 0 and row[m, l] > 0
+            if possible:
+                multiply(z, on, row, where, what)
+                if table.wide[tap]:
+                    k += table.units[tap]
+                settle(z, k, on)
+            done.impossible[i] = not possible
+            total = multiply(z, on, ones, where, what)
+            if possible and way.move_first:
+                at, beyond, elsewhere, delta = _move(
+                    z, k, on, where, total, at, held, plan.fixation[i], pool, trained, rule, way
+                )
+                clamped, substituted, shifted = clamped + beyond, substituted + elsewhere, shifted + delta
+                total = multiply(z, on, ones, where, what)
+            best = what.argmax()
+            top, last = what[best] / total, not possible or number == rule.deadline - 1
+            while decided < H and (top > rule.thresholds[decided] or last):
+                h = rule.column[decided]
+                trials.taps[i, h] = number + 1
+                trials.what[i, h] = best
+                trials.where[i, h] = where.argmax()
+                trials.true_where[i, h] = at
+                trials.stopped[i, h] = possible and top > rule.thresholds[decided]
+                trials.clamped[i, h] = clamped
+                trials.substituted[i, h] = substituted
+                trials.belief[i, h] = top
+                done.tap[i, h] = tap
+                done.shifted[i, h] = shifted
+                decided += 1
+            if decided == H:
+                break
+            if not way.move_first:
+                at, beyond, elsewhere, delta = _move(
+                    z, k, on, where, total, at, held, plan.fixation[i], pool, trained, rule, way
+                )
+                clamped, substituted, shifted = clamped + beyond, substituted + elsewhere, shifted + delta
+
+
+@compiled
+def _draw(pool, at, held, word, trial, marked, used):
+    """A test tap of a class.
+
+    Args:
+        pool: The test taps.
+        at: Where class.
+        held: What class.
+        word: Random word that selects the tap.
+        trial: Number of the trial.
+        marked: The same if no tap is drawn twice until all of the class have been, else -1.
+        used: The trial that has drawn each tap, changed in place; others are smaller numbers.
+    """
+    first, count = pool.first[at, held], pool.count[at, held]
+    free = 0
+    for place in range(first, first + count):
+        free += used[pool.order[place]] < trial
+    if free == 0:
+        free = count
+        for place in range(first, first + count):
+            used[pool.order[place]] = -1
+    left = np.int64((word * np.uint64(free)) >> seeds.HALF)
+    for place in range(first, first + count):
+        tap = pool.order[place]
+        if used[tap] < trial:
+            if left == 0:
+                used[tap] = marked
+                return tap
+            left -= 1
+    return -1
+
+
+@compiled
+def _move(z, k, on, where, total, at, held, aim, pool, trained, rule, way):
+    """Moves the sensor and shifts the belief; Eq. 8 to 10.
+
+    Returns:
+        Where the sensor is, whether the move led beyond the range and to another class than the nearest with a tap, and
+        by how much the belief was shifted.
+    """
+    M, L = z.shape
+    best = where.argmax()
+    if rule.theta_x >= 1 or where[best] <= rule.theta_x * total:
+        return at, False, False, 0
+    delta = aim - best
+    reached = min(max(at + delta, 0), L - 1)
+    beyond = reached != at + delta
+    if beyond and way.refused:
+        delta, reached = 0, at
+    new = pool.nearest[reached, held]
+    if way.real:
+        delta = new - at
+    if delta != 0:
+        old_z, old_k = np.empty(L), np.empty(L, np.int64)
+        if trained.holes:
+            shift_around(z, k, on, delta, rule.border, trained.trained, trained.nearest, total, old_z, old_k)
+        else:
+            shift(z, k, on, delta, rule.border, M, total, old_z, old_k)
+    return new, beyond, new != reached, delta

@@ -62,6 +62,20 @@ def test_defaults_are_the_compiled_trials(table, plan, border, theta_x):
     assert not done.impossible.any()
 
 
+@pytest.mark.parametrize("border", BORDERS)
+def test_defaults_are_the_compiled_trials_where_classes_are_untrained(table, plan, border):
+    trained = np.ones((L, M), np.bool_)
+    trained[1, 0] = trained[3, 2] = False
+    holed = table._replace(
+        log_prior=np.where(trained, -np.log(trained.sum()), -np.inf),
+        log_likelihood=np.where(trained, table.log_likelihood, -np.inf),
+    )
+    compiled = run_trials(holed, plan, THETAS, play=PlaySettings(border=border, deadline=DEADLINE), seed=SEED)
+    done = play_open(holed, plan, THETAS, replace(READING, border=border), 0.0, SEED)
+    assert compiled.taps.max() > 3
+    assert_same(compiled, done.trials)
+
+
 def test_defaults_decide_the_same_on_the_simulated_rig():
     """So they do at the paper's sizes, at all thresholds."""
     train, test = (simulate_session(preset("paper"), 3, session) for session in (0, 1))
