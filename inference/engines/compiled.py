@@ -4,12 +4,14 @@ Arrays have one number per position and hypothesis, (L, S M), see `models.measur
 are the L x M classes.
 """
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...models.compiled import compiled
 from ...models.errors import InputError
 from ...models.grid import nearest_trained
 from ...models.measurement.model import TapModel
@@ -17,7 +19,7 @@ from ..reference import BORDERS, Border, ZeroEvidenceError
 from ..trials import scaled
 from ..trials.records import Classes, Likelihoods, ScaledBelief
 
-_UNIT = scaled.UNIT * np.log(2.0)
+_UNIT = float(scaled.UNIT * np.log(2.0))
 
 
 def classes(trained: NDArray[np.bool_]) -> Classes:
@@ -28,21 +30,22 @@ def classes(trained: NDArray[np.bool_]) -> Classes:
 
 def likelihoods(log_likelihood: ArrayLike) -> Likelihoods:
     """Table for the kernel from log-likelihoods of shape (N, L, S M)."""
-    z, k = _scaled(np.asarray(log_likelihood, dtype=np.float64))
-    wide = k.any(axis=(1, 2))
-    plain = np.where(k > 1, 0.0, np.ldexp(z, -scaled.UNIT * k)) if wide.any() else z
-    least = np.where(plain > 0, plain, np.inf).min(axis=(1, 2), initial=1.0)
-    return Likelihoods(z, plain, least, wide, k if wide.any() else k[:0])
+    z, k, least, wide = _scaled(np.asarray(log_likelihood, dtype=np.float64))
+    if not wide.any():
+        return Likelihoods(z, z, least, wide, k[:0])
+    plain = np.where(k > 1, 0.0, np.ldexp(z, -scaled.UNIT * k))
+    least = plain.min(axis=(1, 2), where=plain > 0, initial=1.0)
+    return Likelihoods(z, plain, least, wide, k)
 
 
 def scaled_belief(log_belief: ArrayLike) -> ScaledBelief:
     """Belief for the kernel from a log belief of shape (L, S M)."""
-    z, k = _scaled(np.asarray(log_belief, dtype=np.float64)[np.newaxis])
+    z, k, _, _ = _scaled(np.asarray(log_belief, dtype=np.float64)[np.newaxis])
     return ScaledBelief(z[0], k[0])
 
 
 def border_number(border: Border) -> int:
-    """Number of a border in the scaled."""
+    """Number of a border in the compiled loops."""
     return BORDERS.index(border)
 
 
@@ -61,17 +64,48 @@ def refuse_border(border: int, hypotheses: int, M: int) -> None:
         raise InputError("border 'prior' does not support models that carry a state; use 'uniform'.")
 
 
-def _scaled(log_values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Numbers z in (2^-256, 1] and k, both (N, S M, L), of values (N, L, S M) over the largest of each."""
-    depth = np.ascontiguousarray(log_values.swapaxes(-1, -2))
-    top = depth.max(axis=(-1, -2), keepdims=True)
-    depth = depth - np.where(np.isneginf(top), 0.0, top)
-    k = np.zeros(depth.shape, dtype=np.int64)
-    deep = (depth < -_UNIT) & (depth > -np.inf)
-    if deep.any():
-        k[deep] = np.floor(-depth[deep] / _UNIT)
-        depth += k * _UNIT
-    return np.exp(depth), k
+def _scaled(
+    log_values: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]:
+    """Numbers z in (2^-256, 1] and k, both (N, S M, L), of values (N, L, S M) over the largest of each.
+
+    Also the smallest z above 0, where no k is above 0, and whether one is, each of shape (N,).
+    """
+    N, L, hypotheses = log_values.shape
+    z, k = np.empty((N, hypotheses, L)), np.zeros((N, hypotheses, L), dtype=np.int64)
+    least, wide = np.empty(N), np.zeros(N, dtype=np.bool_)
+    _scale(log_values, z, k, least, wide)
+    np.exp(z, out=z)
+    return z, k, np.exp(least), wide
+
+
+@compiled
+def _scale(
+    log_values: NDArray[np.float64],
+    depth: NDArray[np.float64],
+    k: NDArray[np.int64],
+    least: NDArray[np.float64],
+    wide: NDArray[np.bool_],
+) -> None:
+    """Logarithms of z, k, and the rest of `_scaled`."""
+    N, L, hypotheses = log_values.shape
+    for n in range(N):
+        top = -np.inf
+        for l in range(L):
+            for m in range(hypotheses):
+                top = max(top, log_values[n, l, m])
+        least[n] = 0.0
+        for l in range(L):
+            for m in range(hypotheses):
+                value = log_values[n, l, m]
+                if value > -np.inf:
+                    value -= top
+                    if value < -_UNIT:
+                        k[n, m, l] = math.floor(-value / _UNIT)
+                        value += k[n, m, l] * _UNIT
+                        wide[n] = True
+                    least[n] = min(least[n], value)
+                depth[n, m, l] = value
 
 
 @dataclass(frozen=True)
