@@ -7,11 +7,27 @@ import numpyro.distributions as dist
 from numpyro.primitives import Messenger
 
 
+def layers(distribution: Any) -> list[Any]:
+    """A distribution with its expansions, declarations of events and masks, then what they are around, and so on."""
+    around = dist.ExpandedDistribution | dist.Independent | dist.MaskedDistribution
+    return [distribution, *layers(distribution.base_dist)] if isinstance(distribution, around) else [distribution]
+
+
 def peeled(distribution: Any) -> Any:
-    """Distribution without expansions and declarations of events."""
-    while isinstance(distribution, dist.ExpandedDistribution | dist.Independent):
-        distribution = distribution.base_dist
-    return distribution
+    """Distribution without expansions, declarations of events and masks."""
+    return layers(distribution)[-1]
+
+
+def remade(distribution: Any, each: Any) -> Any:
+    """Another distribution with the masks and events of a distribution, in place of what that is without them."""
+    for part in layers(distribution):
+        if isinstance(part, dist.MaskedDistribution):
+            mask: Any = part._mask
+            if not isinstance(mask, bool):
+                mask = mask.reshape(mask.shape + (1,) * (part.event_dim - each.event_dim))
+            each = each.mask(mask)
+    beyond = distribution.event_dim - each.event_dim
+    return each.to_event(beyond) if beyond else each
 
 
 class Present(Messenger):
@@ -30,5 +46,4 @@ class Present(Messenger):
     def process_message(self, msg: dict[str, Any]) -> None:
         """Masks the distribution of the samples."""
         if msg["type"] == "sample" and msg["name"] == self._site and msg["is_observed"]:
-            each, event_dim = peeled(msg["fn"]).mask(self._present), msg["fn"].event_dim
-            msg["fn"] = each.to_event(event_dim) if event_dim else each
+            msg["fn"] = remade(msg["fn"], peeled(msg["fn"]).mask(self._present))

@@ -109,6 +109,8 @@ class StoryFunction:
         """Function under a name, its arguments checked."""
         if not callable(function):
             raise InputError(f"{name} is no function but of type {type(function).__name__}.")
+        if inspect.iscoroutinefunction(function):
+            raise InputError(f"{name} is an async function; a model is one that is called, by def alone.")
         parameters = list(inspect.signature(function).parameters.values())
         first, rest = parameters[:3], parameters[3:]
         if [p.name for p in first] != ["where", "what", "taps"] or first[2].default is not None:

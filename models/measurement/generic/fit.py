@@ -18,6 +18,7 @@ from numpyro.infer.autoguide import AutoDelta, AutoLaplaceApproximation, AutoNor
 from numpyro.infer.initialization import init_to_median
 from numpyro.infer.util import constrain_fn, unconstrain_fn
 from numpyro.optim import Adam
+from numpyro.primitives import Messenger
 
 from ...errors import InputError
 from ...progress import Progress, no_progress
@@ -28,7 +29,7 @@ from ..fits.present import Present
 from ..likelihood.shapes import Parameters
 from .contract import StoryCall, StoryFunction
 from .form import key_from
-from .observed import peeled
+from .observed import Supported
 from .posteriors import ChainPosterior, GuidePosterior
 from .structure import OBSERVED, Structure, told_in
 
@@ -40,6 +41,7 @@ _STILL, _IN_ALL, _PER_SAMPLE = 0.1, 3.0, 1e-3  # change between windows in nats 
 _CENTRED = 200  # draws of a guide whose mean is taken
 _TRIES = 10  # draws from the prior at which a density is looked at
 _FAR = 10.0  # times by which a prior must miss the level or spread of the taps to be called far
+_OUTSIDE = "keep bounds of distributions outside of the samples by their priors"
 _AUTOMATIC = AutoNormal | AutoDelta | AutoLaplaceApproximation
 _silent = no_progress("", 0)
 _MOST_CURVED = 5000  # dimensions of a Laplace approximation
@@ -70,10 +72,10 @@ class Fit(NamedTuple):
 
     def run(self, samples: Any) -> Any:
         """The model on the training taps."""
-        if self.present is None:
-            return self.story(self.batch, samples)
-        present = self.present.swapaxes(1, 2) if self.structure.swapped else self.present
-        return Present(self.story, OBSERVED, present)(self.batch, samples)
+        story: Any = self.story
+        if self.present is not None:
+            story = Present(story, OBSERVED, self.present.swapaxes(1, 2) if self.structure.swapped else self.present)
+        return Supported(story, OBSERVED)(self.batch, samples)
 
     @property
     def summed(self) -> Callable[[Any], Any]:
@@ -118,7 +120,7 @@ def _running(fit: Fit) -> Iterator[None]:
             yield
         except InputError:
             raise
-        except Exception as error:  # whatever a user's function raises
+        except (Exception, SystemExit) as error:  # whatever a user's function raises
             raise InputError(f"{fit.story.name} cannot be fitted{told_in(fit.story, error)}") from error
 
 
@@ -136,6 +138,15 @@ def _latents(fit: Fit) -> dict[str, Any]:
     """Latent variables from the prior."""
     sites = trace(seed(fit.run, 0)).get_trace(fit.samples)
     return {name: sites[name]["value"] for name in fit.names}
+
+
+class _OfOne(Messenger):
+    """Handler that makes arrays of one number, where all plates have one element, the numbers that funsor expects."""
+
+    def process_message(self, msg: dict[str, Any]) -> None:
+        """Reshapes what is made a funsor."""
+        if msg["type"] == "to_funsor" and not msg["kwargs"]["dim_to_name"]:
+            msg["args"] = (jax.numpy.reshape(msg["args"][0], ()),)
 
 
 class Variational(NamedTuple):
@@ -176,10 +187,12 @@ class Variational(NamedTuple):
 
         def begin(key: Any, samples: Any) -> Any:
             # Guides keep tracers, of which they read only the shapes; that of `laplace` computes with its samples.
-            return svi.init(key, data if method == "laplace" else samples)
+            with _OfOne():
+                return svi.init(key, data if method == "laplace" else samples)
 
         def forward(state: Any, samples: Any) -> tuple[Any, Any]:
-            return jax.lax.scan(lambda s, _: svi.update(s, samples), state, length=_AT_ONCE)
+            with _OfOne():
+                return jax.lax.scan(lambda s, _: svi.update(s, samples), state, length=_AT_ONCE)
 
         def drawn(key: Any, params: Any, samples: Any) -> Any:
             if isinstance(guide, _AUTOMATIC):
@@ -208,7 +221,7 @@ class Variational(NamedTuple):
         ends = [float(losses[-_WINDOW:].mean()) for _, losses in begun]
         if not np.isfinite(ends).any():
             raise InputError(
-                f"The log density of {fit.story.name} is not finite at any start; check scales and supports."
+                f"The log density of {fit.story.name} is not finite at any start; check scales, and {_OUTSIDE}."
             )
         return *begun[int(np.nanargmin(ends))], ends
 
@@ -282,7 +295,9 @@ def _told(method: str, change: float, still: float, losses: NDArray[np.float64],
         f"{names[method]}, {len(losses)} steps{best}; the mean loss of the last "
         f"{_WINDOW} differs by {change:.2g} nats per tap from that of the {_WINDOW} before (at most {still:.2g})."
     )
-    fine = bool(np.isfinite(losses[-1]) and change <= still)
+    if not (finite := bool(np.isfinite(losses[-1]))):
+        sentence += f" The last loss is not finite; {_OUTSIDE}."
+    fine = finite and change <= still
     return Convergence(fine, sentence, {"loss": losses, "change": np.array(change)})
 
 
@@ -327,17 +342,17 @@ def check_prior(fit: Fit) -> str:
         with seed(rng_seed=number):
             site = trace(fit.run).get_trace(fit.samples)[OBSERVED]
             made = site["fn"].sample(numpyro.prng_key())
-        return site["fn"].log_prob(site["value"]), peeled(site["fn"]).support(site["value"]), made.mean(), made.std()
+        return site["fn"].log_prob(site["value"]), made.mean(), made.std()
 
     outside, predicted = np.ones(len(fit.samples), dtype=bool), []
     with _running(fit):
         for number in range(_TRIES):
-            density, inside, *moments = looked_at(number)
+            density, *moments = looked_at(number)
             if (bad := _taps_where(np.isnan(np.asarray(density)))).any():
                 raise InputError(
                     f"The log density of {fit.story.name} is not a number {_place(fit, bad)}; {_hint(fit)}."
                 )
-            outside &= _taps_where(~np.asarray(inside))
+            outside &= _taps_where(np.isneginf(density))
             predicted.append(moments)
     if outside.any():
         raise InputError(f"{fit.story.name} excludes samples that occur, {_place(fit, outside)}; {_hint(fit)}.")

@@ -20,12 +20,14 @@ from numpyro.infer.util import log_density
 
 from ...errors import InputError
 from ...threads import cores, in_order
+from ..fits.present import peeled
 from ..likelihood.bins import NOT_FINITE
 from ..scaling import Scaling
 from .contract import StoryCall, StoryFunction
-from .observed import Binned, Censored, InBin, peeled
+from .observed import BINS, Binned, Censored, InBin
 from .structure import OBSERVED, Structure
 
+_ROUNDING = 1e-6  # log probabilities of whole taps may be above 0 by this
 _AT_ONCE = 1 << 22  # samples under classes that one step holds
 
 
@@ -127,6 +129,31 @@ def drawn(program: Program, given: Given, J: int, where: Any, what: Any, key: An
     return jnp.swapaxes(value, 1, 2) if program.structure.swapped else value
 
 
+def refuse_wrong(program: Program, log_prob: NDArray[np.float64], where: Any, what: Any) -> None:
+    """Refuses log probabilities that are no numbers or, of bins, above 0.
+
+    Args:
+        program: The model.
+        log_prob: Of bins or taps.
+        where: Their positions, broadcast over them.
+        what: Their objects, likewise.
+
+    Raises:
+        InputError: There is such a number.
+    """
+    wrong = np.isnan(log_prob)
+    if program.structure.measure == BINS:
+        wrong |= log_prob > _ROUNDING
+    if wrong.any():
+        first = wrong.argmax()
+        l, m = (int(np.broadcast_to(index, wrong.shape).flat[first]) for index in (where, what))
+        told = "not a number" if np.isnan(log_prob.flat[first]) else "above 1"
+        raise InputError(
+            f"{program.story.name} gives position {l} and object {m} a probability of a bin that is {told}; check the "
+            f"parameters of its {program.structure.family}, and that its cdf rises from 0 to 1."
+        )
+
+
 @dataclass(frozen=True, eq=False)
 class GenericForm:
     """Likelihood of whole taps under a generative model; see `forms` for what a form is.
@@ -217,6 +244,7 @@ class GenericForm:
                 for rows in _blocks(np.flatnonzero(state == s), step):
                     seen = self._scaled(_on_device(taps[rows], edges), s)
                     out[rows] = _under_own(self.program, self.known, seen, where[rows], what[rows])
+        refuse_wrong(self.program, out, where, what)
         return out
 
     def sample(
@@ -265,11 +293,14 @@ class PreparedGeneric:
                 return np.asarray(self.form.log_prob(taps[padded], edges))[: len(rows)]
 
         first, *others = _blocks(np.arange(len(taps)), step)
+        classes = np.arange(L)[:, None], np.arange(H) % self.form.program.batch.shape[1]
         # NumPyro runs models in one thread at a time: the first block is compiled before the others are begun.
         tasks = (partial(part, rows) for rows in others)
         parts = chain([part(first)], in_order(tasks, cores(None) if len(others) > 1 else 1))
         for rows, values in zip([first, *others], parts, strict=True):
-            out[rows] = np.where(self.impossible, -np.inf, exponent * values)
+            possible = np.where(self.impossible, -np.inf, values)
+            refuse_wrong(self.form.program, possible, *classes)
+            out[rows] = exponent * possible
 
 
 def _first(taps: Binned) -> Binned:

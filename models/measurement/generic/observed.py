@@ -3,9 +3,6 @@
 A distribution of single samples gives a bin the difference of its distribution function. A Gaussian vector gives the
 bins of its components one after the other, each given the exact samples before it. Both are the measure of the built-in
 models. Any other distribution gives the density at the samples times the widths of their bins.
-
-Differences of distribution functions lose their digits far out, where both are nearly 0 or 1. Symmetric families are
-therefore mirrored to the side where they are small; for others see `tails`.
 """
 
 from collections.abc import Callable
@@ -14,21 +11,18 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-import numpyro
 import numpyro.distributions as dist
 from jax.scipy.linalg import solve_triangular
-from jax.scipy.special import betainc, log_ndtr
 from jax.typing import ArrayLike
 from numpyro.primitives import Messenger
 
-from ..fits.present import peeled
+from ..fits.present import peeled, remade
 from ..likelihood.binned import bin_indices, bin_of
 from ..model import BINS
-from .tails import Support, log_integral, log_sum_of_integers
+from .interval import CENSORED, has_cdf, is_bounded, log_density, log_interval
 
 DENSITY = "density"
 """Measure of a distribution that gives no probabilities to bins, but a density; the other is `BINS`."""
-_SMALL = 1e-9  # probability of a bin below which differences have too few digits
 
 
 class Binned(NamedTuple):
@@ -72,13 +66,13 @@ def _bins_of(samples: jax.Array, edges: jax.Array) -> tuple[jax.Array, jax.Array
 def measure_of(distribution: Any) -> str:
     """Measure of a distribution."""
     base = peeled(distribution)
-    return BINS if isinstance(base, _GAUSSIAN) or _has_cdf(base) else DENSITY
+    return BINS if isinstance(base, _GAUSSIAN) or has_cdf(base) else DENSITY
 
 
 def elementwise(distribution: Any) -> bool:
     """Whether samples are independent, each with a distribution function."""
     base = peeled(distribution)
-    return not base.event_dim and _has_cdf(base)
+    return not base.event_dim and has_cdf(base)
 
 
 def binned(distribution: Any, taps: Binned, least: ArrayLike = 0.0) -> dist.Distribution:
@@ -89,16 +83,17 @@ def binned(distribution: Any, taps: Binned, least: ArrayLike = 0.0) -> dist.Dist
         taps: Samples and bins, in the order of its axes.
         least: No standard deviation of a location-scale family counts for less.
     """
-    base, event_dim = peeled(distribution), distribution.event_dim
+    base = peeled(distribution)
     if isinstance(base, _GAUSSIAN):
-        base = _given_those_before(base, taps.samples)
-    elif base.event_dim:
-        return _DensityOfBin(distribution, taps)
-    elif not _has_cdf(base):
-        each: Any = _DensityOfBin(base, taps)
-        return each.to_event(event_dim) if event_dim else each
-    each: Any = InBin(base, taps, least)
-    return each.to_event(event_dim) if event_dim else each
+        return remade(distribution, InBin(_given_those_before(base, taps.samples), taps, least))
+    if not has_cdf(base):
+        return remade(distribution, _DensityOfBin(base, taps))
+    while isinstance(base, CENSORED):  # the probability of all that a censored sample may be
+        left = isinstance(base, dist.LeftCensoredDistribution)
+        lower = jnp.where(base.censored, -jnp.inf if left else taps.samples, taps.lower)
+        upper = jnp.where(base.censored, taps.samples if left else jnp.inf, taps.upper)
+        base, taps = peeled(base.base_dist), taps._replace(lower=lower, upper=upper)
+    return remade(distribution, InBin(base, taps, least))
 
 
 class Censored(Messenger):
@@ -138,16 +133,45 @@ class InBin(dist.Distribution):
 
     def log_prob(self, value: ArrayLike, intermediates: object = None) -> jax.Array:  # noqa: ARG002
         """Log probability of the bin of each sample; the bins are those given, whatever `value` is."""
-        log_cdf = _SYMMETRIC.get(type(self._base))
-        if log_cdf is None:
-            return _log_difference(self._base, self._taps)
-        base, (_, lower, upper, _) = self._base, self._taps
-        scale = jnp.maximum(base.scale, self._least)
-        low, high = (lower - base.loc) / scale, (upper - base.loc) / scale
-        right = low + high > 0  # mirrored to the side where distribution functions are small and exact
-        low, high = jnp.where(right, -high, low), jnp.where(right, -low, high)
-        log_high = log_cdf(base, high)
-        return log_high + jnp.log(-jnp.expm1(log_cdf(base, low) - log_high))
+        return log_interval(self._base, self._taps.lower, self._taps.upper, self._least)
+
+
+class Supported(Messenger):
+    """Handler that gives observed samples outside of the support of their distribution the density 0.
+
+    Args:
+        story: Generative model.
+        site: Name of the observed site.
+    """
+
+    def __init__(self, story: Callable[..., Any], site: str) -> None:
+        self._site = site
+        super().__init__(story)
+
+    def process_message(self, msg: dict[str, Any]) -> None:
+        """Puts a distribution in the place of one that has a density everywhere."""
+        if msg["type"] == "sample" and msg["name"] == self._site and is_bounded(msg["fn"]):
+            base: Any = peeled(msg["fn"])
+            shape = msg["fn"].shape()
+            msg["fn"] = remade(msg["fn"], _InSupport(base.expand(shape[: len(shape) - base.event_dim])))
+
+
+class _InSupport(dist.Distribution):
+    """Distribution whose density is 0 outside of its support."""
+
+    support = dist.constraints.real  # pyright: ignore
+
+    def __init__(self, base: Any) -> None:
+        self._base = base
+        super().__init__(base.batch_shape, base.event_shape)
+
+    def sample(self, key: Any, sample_shape: tuple[int, ...] = ()) -> Any:
+        """Samples of the distribution."""
+        return self._base.sample(key, sample_shape)
+
+    def log_prob(self, value: ArrayLike, intermediates: object = None) -> jax.Array:  # noqa: ARG002
+        """Log density."""
+        return log_density(self._base, jnp.asarray(value))
 
 
 class _DensityOfBin(dist.Distribution):
@@ -168,61 +192,8 @@ class _DensityOfBin(dist.Distribution):
             held = jnp.ceil(upper) - jnp.ceil(lower)
             width = jnp.where(jnp.isfinite(held), held, jnp.maximum(jnp.round(width), 1.0))
         width, event = jnp.log(width), tuple(range(-self._base.event_dim, 0))
-        density = self._base.log_prob(self._taps.samples) + width.sum(event)
+        density = log_density(self._base, self._taps.samples) + width.sum(event)
         return density if event else jnp.where(jnp.isnan(width), 0.0, density)
-
-
-def _student(base: Any, z: jax.Array) -> jax.Array:
-    freedom = jnp.broadcast_to(base.df, z.shape)
-    tail = 0.5 * betainc(0.5 * freedom, 0.5, freedom / (freedom + z**2))
-    return jnp.log(jnp.where(z < 0, tail, 1 - tail))
-
-
-def _laplace(_: Any, z: jax.Array) -> jax.Array:
-    return jnp.where(z < 0, z - jnp.log(2.0), jnp.log1p(-0.5 * jnp.exp(-jnp.maximum(z, 0.0))))
-
-
-def _cauchy(_: Any, z: jax.Array) -> jax.Array:
-    return jnp.log(jnp.where(z < 0, jnp.arctan2(1.0, -z), jnp.pi - jnp.arctan2(1.0, jnp.maximum(z, 0.0))) / jnp.pi)
-
-
-_SYMMETRIC: dict[type, Callable[[Any, jax.Array], jax.Array]] = {
-    dist.Normal: lambda _, z: log_ndtr(z),  # beyond 20 deviations within 4e-9, a relative error of 2e-11
-    dist.StudentT: _student,
-    dist.Laplace: _laplace,
-    dist.Logistic: lambda _, z: jax.nn.log_sigmoid(z),
-    dist.Cauchy: _cauchy,
-}
-"""Logs of standard distribution functions; location-scale families, symmetric about 0."""
-
-
-def _has_cdf(base: Any) -> bool:
-    """Whether a distribution of single samples has a distribution function."""
-    if base.event_dim or type(base).cdf is dist.Distribution.cdf:
-        return False
-    try:
-        jax.eval_shape(base.cdf, jnp.zeros(base.batch_shape))
-    except NotImplementedError:  # of a part, such as a component of a mixture
-        return False
-    return True
-
-
-def _log_difference(base: Any, taps: Binned) -> jax.Array:
-    """Log probability of bins under a distribution of independent samples."""
-    _, lower, upper, _ = taps
-    support = Support.of(base)
-    if base.is_discrete:  # a bin holds the integers from its lower edge on, below its upper edge
-        lower, upper = jnp.ceil(lower) - 1, jnp.ceil(upper) - 1
-    lower, upper = jnp.maximum(lower, support.low), jnp.minimum(upper, support.high)
-    probability = support.cdf(base, upper) - support.cdf(base, lower)
-    enough, possible = probability > _SMALL, upper > lower
-    improbable = log_sum_of_integers if base.is_discrete else log_integral
-    # Bins that hold nothing are given the middle of the support, so that no number is NaN.
-    within = jnp.where(possible, lower, support.middle - 1), jnp.where(possible, upper, support.middle)
-    with numpyro.validation_enabled(False):  # which refuses values between integers
-        small = improbable(base, support, *within)
-    log_probability = jnp.where(enough, jnp.log(jnp.where(enough, probability, 1.0)), small)
-    return jnp.where(possible, log_probability, -jnp.inf)
 
 
 _GAUSSIAN = (dist.MultivariateNormal, dist.MatrixNormal, dist.GaussianRandomWalk)

@@ -40,7 +40,7 @@ def read_generic(
 
     Raises:
         StoryError: There is no such function, or another than that of the fit is given, or none and the fit has no
-            tables.
+            tables or wrong ones.
     """
     name = attributes["kind"]
     try:
@@ -61,7 +61,11 @@ def read_generic(
             f"this fit needs the code of {name}, which opening a file does not run; name it with --story {name}, in "
             "Python load_model(path, story=...)."
         )
-    return OpenedModel(name_of_function=name, table=data["table"].values, **common)
+    table, covered = data["table"].values, data["covered"].values.astype(bool)
+    if (wrong := np.isnan(table).any(axis=(2, 3)) & covered).any():
+        l, m = np.argwhere(wrong)[0]
+        raise StoryError(f"the table of this fit of {name} is not a number for position {l} and object {m}; fit again.")
+    return OpenedModel(name_of_function=name, table=table, **common)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

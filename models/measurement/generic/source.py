@@ -98,13 +98,14 @@ def _from_file(path: Path, function: str) -> Any:
     sys.path.insert(0, str(path.parent))  # what stands beside it, it may import
     try:
         spec.loader.exec_module(module)
-    except Exception as error:  # whatever a user's file raises
+    except (Exception, SystemExit) as error:  # whatever a user's file raises
         told = (str(error).splitlines() or [""])[0]
         raise InputError(f"{path}: running it failed: {type(error).__name__}: {told}") from error
     finally:
         sys.path.remove(str(path.parent))
     if not hasattr(module, function):
-        there = sorted(name for name, value in vars(module).items() if inspect.isfunction(value))
+        functions = (name for name, value in vars(module).items() if inspect.isfunction(value))
+        there = sorted(name for name in functions if not name.startswith("_"))
         raise InputError(f"{path}: no function {function!r}; it has {', '.join(there) or 'none'}.")
     return getattr(module, function)
 

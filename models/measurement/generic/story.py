@@ -95,6 +95,8 @@ class GenericStory:
             left_out=grid.untouched(kept["covered"]),
             **kept,
         )
+        if structure.exchangeable:
+            _ = model.plain_form  # refuses wrong probabilities before anything is decided by them
         if structure.by_session:
             found = InNewSessions(found, program)
         return Fitted(model, found, found.convergence()._replace(warning=warning))
@@ -193,8 +195,15 @@ class GenericModel(ModelOfParameters):
 
     def form_of(self, parameters: Parameters) -> Form:
         """Likelihood form of other parameters; their last session is the one at perception."""
+        from .form import refuse_wrong
+
         (form,) = self.by_story(parameters)
-        return TableForm(form.table(self.edges)) if self.program.structure.exchangeable else form
+        if not self.program.structure.exchangeable:
+            return form
+        table, (L, M) = form.table(self.edges), self.covered.shape
+        known = np.where(self.covered[:, :, None, None], table, 0.0)
+        refuse_wrong(self.program, known, np.arange(L)[:, None, None, None], np.arange(M)[:, None, None])
+        return TableForm(table)
 
     def prior(self, posterior: Any) -> "Prior":  # noqa: ARG002 - as all models
         """Prior of its latent variables."""

@@ -16,12 +16,13 @@ import numpy as np
 import numpyro
 from jax import errors
 from jax.experimental import checkify
-from numpyro.distributions import ImproperUniform, biject_to
+from numpyro.distributions import ImproperUniform, MaskedDistribution, biject_to
 from numpyro.handlers import seed, substitute, trace
 
 from ...errors import InputError
+from ..fits.present import layers, peeled
 from .contract import StoryCall, StoryFunction
-from .observed import elementwise, measure_of, peeled
+from .observed import elementwise, measure_of
 
 OBSERVED = "taps"
 """The site of the samples."""
@@ -39,6 +40,7 @@ class Structure(NamedTuple):
         independent: Whether all samples of a tap are independent.
         enumerated: Names of the discrete latent variables of single taps, which are summed over.
         by_session: Axis of sessions of the latent variables that have one, by name.
+        family: Name of the distribution of the samples.
     """
 
     dims: dict[str, tuple[str, ...]]
@@ -48,6 +50,7 @@ class Structure(NamedTuple):
     independent: bool
     enumerated: tuple[str, ...]
     by_session: dict[str, int]
+    family: str = "distribution"
 
 
 def structure_of(story: StoryFunction, batch: StoryCall, sessions: int = 1) -> Structure:
@@ -84,6 +87,7 @@ def structure_of(story: StoryFunction, batch: StoryCall, sessions: int = 1) -> S
         not more.looks_back and not peeled(more.sites[OBSERVED]["fn"]).event_dim,
         tuple(enumerated),
         _session_axes(story, batch, kept, more.sites, sessions),
+        _family(more.sites[OBSERVED]["fn"]),
     )
 
 
@@ -141,7 +145,7 @@ def _traced(story: StoryFunction, batch: StoryCall, n: int) -> _Traced:
         sites = trace(substitute(seed(story, 0), substitute_fn=_feasible)).get_trace(made, taps)
         site = _observed(story, sites, batch.shape, n)
         seen.update(sites=sites, measure=measure_of(site["fn"]), alike=_is_alike(site))
-        return site["value"], jax.tree.leaves(peeled(site["fn"]))
+        return site["value"], jax.tree.leaves(site["fn"])
 
     probe = _probe(batch, n)
     try:
@@ -153,7 +157,7 @@ def _traced(story: StoryFunction, batch: StoryCall, n: int) -> _Traced:
                 raise beyond.with_traceback(beyond.traceback_info.as_python_traceback())
     except InputError:
         raise
-    except Exception as error:  # whatever a user's function raises
+    except (Exception, SystemExit) as error:  # whatever a user's function raises
         raise InputError(f"{story.name} failed when it was tried on {n} taps{told_in(story, error)}") from error
     return _Traced(swapped=_is_swapped(story, np.asarray(value), probe), looks_back=_looks_back(program), **seen)
 
@@ -175,7 +179,7 @@ def _looks_back(program: Any) -> bool:
     return not reached.isdisjoint(map(id, program.outvars[1:]))
 
 
-def told_in(story: StoryFunction, error: Exception) -> str:
+def told_in(story: StoryFunction, error: BaseException) -> str:
     """Where an error arose in the file of a function, and what it says."""
     file = inspect.getsourcefile(story.code)
     lines = [frame.lineno for frame in extract_tb(error.__traceback__) if frame.filename == file]
@@ -226,7 +230,7 @@ def _check_drawn(story: StoryFunction, batch: StoryCall, shape: tuple[int, ...])
     try:
         with jax.enable_x64(True), numpyro.validation_enabled(False):
             found = jax.eval_shape(drawn)
-    except Exception as error:  # whatever a user's function raises
+    except (Exception, SystemExit) as error:  # whatever a user's function raises
         told = told_in(story, error)
         raise InputError(f"{story.name} failed when it was tried with taps=None, to draw 2{told}") from error
     if np.shape(found) != shape:
@@ -309,10 +313,17 @@ def _dims(name: str, latent: dict[str, Any], shape: tuple[int, int, int, int]) -
     return tuple(dims)
 
 
+def _family(distribution: Any) -> str:
+    base = peeled(distribution)
+    of = f" of {_family(base.base_dist)}" if hasattr(base, "base_dist") else ""
+    return type(base).__name__ + of
+
+
 def _is_alike(site: dict[str, Any]) -> bool:
     base = peeled(site["fn"])
     same = len(base.batch_shape) < 2 or base.batch_shape[-2] == 1
-    return site.get("scale") is None and elementwise(site["fn"]) and same
+    masked = any(isinstance(part, MaskedDistribution) for part in layers(site["fn"]))
+    return site.get("scale") is None and elementwise(site["fn"]) and same and not masked
 
 
 def _session_axes(

@@ -184,6 +184,10 @@ def fails(where, what, taps=None):
     raise KeyError("a key")
 
 
+def leaves(where, what, taps=None):
+    raise SystemExit(5)
+
+
 def knows_taps(where, what, taps=None, *, J, K):
     own = numpyro.sample("own", dist.Normal(0.0, 1.0))
     numpyro.sample("taps", dist.Normal(own, 1.0).expand(taps.shape), obs=taps)
@@ -241,6 +245,7 @@ flat = dist.ImproperUniform(dist.constraints.real, (), ())
         (with_more_than_taps(lambda _: numpyro.param("free", 1.0)), "a parameter 'free' without a prior"),
         (lacks_a_part, r"failed when it was tried on 2 taps, line \d+ of its file: NotImplementedError: a part"),
         (fails, r"failed when it was tried on 2 taps, line \d+ of its file: KeyError: 'a key'"),
+        (leaves, r"failed when it was tried on 2 taps, line \d+ of its file: SystemExit: 5"),
         (knows_taps, r"failed when it was tried with taps=None, to draw 2, line \d+ of its file: AttributeError"),
         (draws_nothing, r"with taps=None must draw taps of shape \(2, 5, 4\)"),
         (centred(lambda _, own: np.exp(own)), "of its file: NumPy cannot compute with values that JAX traces"),
@@ -279,6 +284,9 @@ def test_names_that_files_cannot_hold_are_refused(name, message):
 def without_what(where, taps=None): ...
 
 
+async def asynchronous(where, what, taps=None): ...
+
+
 def without_default(where, what, taps): ...
 
 
@@ -290,6 +298,7 @@ def with_more(where, what, taps=None, *, width): ...
     [
         (without_what, "must begin with the arguments where, what, taps=None"),
         (without_default, "must begin with the arguments where, what, taps=None"),
+        (asynchronous, "story is an async function"),
         (with_more, "an argument 'width' that nothing fills in"),
         (3, "is no function but of type int"),
     ],

@@ -381,7 +381,8 @@ def test_a_model_survives_its_file(name, fitted, taps, tmp_path):
     ("content", "message"),
     [
         ("raise RuntimeError('no')", r"my\.py: running it failed: RuntimeError: no"),
-        ("def other(): ...", r"my\.py: no function 'mine'; it has other"),
+        ("raise SystemExit(5)", r"my\.py: running it failed: SystemExit: 5"),
+        ("def other(): ...\ndef _own(): ...", r"my\.py: no function 'mine'; it has other\."),
         ("mine = 3", "is no function"),
     ],
 )
