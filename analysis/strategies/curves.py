@@ -87,27 +87,22 @@ def families(model: TapModel, at: int, deadline: int) -> tuple[Family, ...]:
 
 def decided_sums(record: Record, family: Family, grid: ClassGrid) -> NDArray[np.float64]:
     """`SUMS` of every trial at every level, shape (trials, levels, `SUMS`)."""
-    way = travelled(record, grid)
-    rows, objects, beliefs = np.arange(len(record.held)), record.what, record.what_belief
-    values = np.empty((len(rows), len(family.levels), len(SUMS)))
-    for h, level in enumerate(family.levels):
-        stopped = stops(family.rule(level), record)
-        last = stopped.taps - 1
-        what, answers = objects[rows, last], stopped.answer != GIVE_UP
-        values[:, h] = np.column_stack(
-            [
-                answers,
-                answers * grid.what_error(what, record.held),
-                answers * grid.where_error(record.where[rows, last], record.at[rows, last]),
-                stopped.taps,
-                way[rows, last],
-                answers * (what != record.held),
-                answers * np.maximum(1.0 - beliefs[rows, last], 0.0),
-                ~answers,
-                answers & (stopped.answer != DECIDE),
-            ]
-        )
-    return values
+    stopped = [stops(family.rule(level), record) for level in family.levels]
+    taps, answer = (np.stack(parts, axis=1) for parts in zip(*stopped, strict=True))
+    last = np.arange(len(taps))[:, np.newaxis], taps - 1
+    what, held, answers = record.what[last], record.held[:, np.newaxis], answer != GIVE_UP
+    values = (
+        answers,
+        answers * grid.what_error(what, held),
+        answers * grid.where_error(record.where[last], record.at[last]),
+        taps,
+        travelled(record, grid)[last],
+        answers & (what != held),
+        answers * np.maximum(1.0 - record.what_belief[last], 0.0),
+        ~answers,
+        answers & (answer != DECIDE),
+    )
+    return np.stack(values, axis=-1).astype(np.float64)
 
 
 def travelled(record: Record, grid: ClassGrid) -> NDArray[np.float64]:
