@@ -5,6 +5,7 @@ Hoffman and Gelman, JMLR 15 (2014) 1593 (NUTS); Kucukelbir et al., JMLR 18 (2017
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -18,7 +19,6 @@ from numpyro.infer.autoguide import AutoDelta, AutoLaplaceApproximation, AutoNor
 from numpyro.infer.initialization import init_to_median
 from numpyro.infer.util import constrain_fn, unconstrain_fn
 from numpyro.optim import Adam
-from numpyro.primitives import Messenger
 
 from ...errors import InputError
 from ...progress import Progress, no_progress
@@ -31,6 +31,7 @@ from .contract import StoryCall, StoryFunction
 from .form import key_from
 from .observed import Supported
 from .posteriors import ChainPosterior, GuidePosterior
+from .programs import OfOne, compiled_once
 from .structure import OBSERVED, Structure, told_in
 
 STARTS, TRIED, STEPS, RUNS = 3, 200, 800, 5
@@ -70,12 +71,25 @@ class Fit(NamedTuple):
     progress: Progress = no_progress
     present: NDArray[np.bool_] | None = None
 
-    def run(self, samples: Any) -> Any:
-        """The model on the training taps."""
+    def run(self, samples: Any, where: Any = None, what: Any = None) -> Any:
+        """The model on the training taps; their classes may be given, to be no constants of a program."""
         story: Any = self.story
         if self.present is not None:
             story = Present(story, OBSERVED, self.present.swapaxes(1, 2) if self.structure.swapped else self.present)
-        return Supported(story, OBSERVED)(self.batch, samples)
+        return Supported(story, OBSERVED)(self._of(where, what), samples)
+
+    def guide(self, samples: Any, where: Any = None, what: Any = None) -> Any:
+        """The function's own guide, likewise."""
+        return self.story.guide_of(self._of(where, what), samples)
+
+    def _of(self, where: Any, what: Any) -> StoryCall:
+        return self.batch if where is None else replace(self.batch, where=where, what=what)
+
+    @property
+    def data(self) -> tuple[Any, Any, Any]:
+        """Samples, position and object indices of the taps, on the device."""
+        samples, *classes = self.samples, self.batch.where, self.batch.what
+        return jax.numpy.asarray(samples), *map(jax.numpy.asarray, classes)
 
     @property
     def summed(self) -> Callable[[Any], Any]:
@@ -140,15 +154,6 @@ def _latents(fit: Fit) -> dict[str, Any]:
     return {name: sites[name]["value"] for name in fit.names}
 
 
-class _OfOne(Messenger):
-    """Handler that makes arrays of one number, where all plates have one element, the numbers that funsor expects."""
-
-    def process_message(self, msg: dict[str, Any]) -> None:
-        """Reshapes what is made a funsor."""
-        if msg["type"] == "to_funsor" and not msg["kwargs"]["dim_to_name"]:
-            msg["args"] = (jax.numpy.reshape(msg["args"][0], ()),)
-
-
 class Variational(NamedTuple):
     """A variational fit as compiled programs, for all taps of the same classes and numbers that lack the same samples.
 
@@ -156,9 +161,9 @@ class Variational(NamedTuple):
         method: `svi`, `map` or `laplace`.
         guide: Its guide.
         svi: What is fitted.
-        begin: From a key and samples to a state.
-        forward: From a state and samples to the state some steps later, and their losses.
-        drawn: From a key, parameters of the guide and samples to latent variables.
+        begin: From a key and data to a state.
+        forward: From a state and data to the state some steps later, and their losses.
+        drawn: From a key, parameters of the guide and data to latent variables.
     """
 
     method: str
@@ -177,31 +182,31 @@ class Variational(NamedTuple):
         )
         kinds: dict[str, Any] = {"svi": AutoNormal, "map": AutoDelta, "laplace": AutoLaplaceApproximation}
         if method == "svi" and fit.story.guide is not None:
-            guide: Any = lambda samples: fit.story.guide_of(fit.batch, samples)  # noqa: E731
+            guide: Any = fit.guide
         else:
             guide = kinds[method](hidden, init_loc_fn=init_to_median)
         loss = TraceEnum_ELBO(max_plate_nesting=8) if fit.structure.enumerated else Trace_ELBO()
         # In every run the rate falls to a fiftieth.
         svi = SVI(fit.summed, guide, Adam(lambda step: _RATE * 0.02 ** ((step % STEPS) / STEPS)), loss)
-        data = jax.numpy.asarray(fit.samples)
+        own = fit.data
 
-        def begin(key: Any, samples: Any) -> Any:
+        def begin(key: Any, data: Any) -> Any:
             # Guides keep tracers, of which they read only the shapes; that of `laplace` computes with its samples.
-            with _OfOne():
-                return svi.init(key, data if method == "laplace" else samples)
+            with OfOne():
+                return svi.init(key, *(own if method == "laplace" else data))
 
-        def forward(state: Any, samples: Any) -> tuple[Any, Any]:
-            with _OfOne():
-                return jax.lax.scan(lambda s, _: svi.update(s, samples), state, length=_AT_ONCE)
+        def forward(state: Any, data: Any) -> tuple[Any, Any]:
+            with OfOne():
+                return jax.lax.scan(lambda s, _: svi.update(s, *data), state, length=_AT_ONCE)
 
-        def drawn(key: Any, params: Any, samples: Any) -> Any:
+        def drawn(key: Any, params: Any, data: Any) -> Any:
             if isinstance(guide, _AUTOMATIC):
                 return guide.sample_posterior(key, params)
-            found: Any = Predictive(guide, params=params, num_samples=1)(key, samples)
+            found: Any = Predictive(guide, params=params, num_samples=1)(key, *data)
             return {name: found[name][0] for name in fit.names}
 
         # Compiled as one program instead of one per operation, and once for every run: `svi.run` compiles at each call.
-        return cls(method, guide, svi, jax.jit(begin), jax.jit(forward), jax.jit(drawn))
+        return cls(method, guide, svi, compiled_once(begin), compiled_once(forward), compiled_once(drawn))
 
     @property
     def starts(self) -> int:
@@ -217,7 +222,7 @@ class Variational(NamedTuple):
             InputError: The log density is not finite at any start.
         """
         keys = [jax.random.key(derived_seed(fit.seed, Purpose.CHAINS, number)) for number in range(self.starts)]
-        begun = [self.run(TRIED, self.begin(key, fit.samples), fit, advance) for key in keys]
+        begun = [self.run(TRIED, self.begin(key, fit.data), fit, advance) for key in keys]
         ends = [float(losses[-_WINDOW:].mean()) for _, losses in begun]
         if not np.isfinite(ends).any():
             raise InputError(
@@ -229,11 +234,11 @@ class Variational(NamedTuple):
         self, steps: int, state: Any, fit: Fit, advance: Callable[[int], None] = _silent
     ) -> tuple[Any, NDArray[np.float64]]:
         """State after some more steps, and their losses in nats per tap; `advance` is called with numbers of steps."""
-        data, losses = jax.numpy.asarray(fit.samples), []
+        data, losses = fit.data, []
         for _ in range(steps // _AT_ONCE):
             state, more = self.forward(state, data)
             # Waits for the result, so a signal is handled here.
-            losses.append(np.asarray(more, dtype=np.float64) / len(data))
+            losses.append(np.asarray(more, dtype=np.float64) / len(fit.samples))
             advance(_AT_ONCE)
         return state, np.concatenate(losses)
 
@@ -252,10 +257,10 @@ class Variational(NamedTuple):
 
     def posterior_at(self, state: Any, fit: Fit, told: Convergence) -> GuidePosterior:
         """Posterior in a state."""
-        params = self.svi.get_params(state)
+        params, data = self.svi.get_params(state), fit.data
 
         def sampled(key: Any) -> dict[str, Any]:
-            return self.drawn(key, params, fit.samples)
+            return self.drawn(key, params, data)
 
         if isinstance(self.guide, _AUTOMATIC):
             automatic: Any = self.guide
@@ -337,17 +342,18 @@ def check_prior(fit: Fit) -> str:
             model fails.
     """
 
-    @jax.jit  # one program instead of one per operation
-    def looked_at(number: Any) -> tuple[Any, ...]:
+    @compiled_once  # one program instead of one per operation
+    def looked_at(number: Any, data: Any) -> tuple[Any, ...]:
         with seed(rng_seed=number):
-            site = trace(fit.run).get_trace(fit.samples)[OBSERVED]
+            site = trace(fit.run).get_trace(*data)[OBSERVED]
             made = site["fn"].sample(numpyro.prng_key())
         return site["fn"].log_prob(site["value"]), made.mean(), made.std()
 
     outside, predicted = np.ones(len(fit.samples), dtype=bool), []
     with _running(fit):
+        data = fit.data
         for number in range(_TRIES):
-            density, *moments = looked_at(number)
+            density, *moments = looked_at(jax.numpy.asarray(number), data)
             if (bad := _taps_where(np.isnan(np.asarray(density)))).any():
                 raise InputError(
                     f"The log density of {fit.story.name} is not a number {_place(fit, bad)}; {_hint(fit)}."

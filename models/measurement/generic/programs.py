@@ -1,0 +1,43 @@
+"""Programs of fits, compiled once for all functions and taps from which JAX makes the same program."""
+
+from collections.abc import Callable
+from hashlib import blake2b
+from typing import Any
+
+import jax
+from numpyro.primitives import Messenger
+
+_KEPT: dict[Any, Any] = {}
+_MOST = 64  # programs that are kept, the latest
+
+
+def compiled_once(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compiled function of arrays, whose shapes are those of the first call.
+
+    Unlike those of `jax.jit`, programs are shared by functions that do the same, such as fits of folds of equal size:
+    constants within a function are part of its program.
+    """
+    own: list[Any] = []
+
+    def call(*arguments: Any) -> Any:
+        if not own:
+            lowered = jax.jit(function).lower(*arguments)
+            text = blake2b(lowered.as_text().encode()).digest()
+            key = text, lowered.in_tree, lowered.out_tree
+            found = _KEPT.pop(key, None) or lowered.compile()
+            _KEPT[key] = found
+            while len(_KEPT) > _MOST:
+                del _KEPT[next(iter(_KEPT))]
+            own.append(found)
+        return own[0](*arguments)
+
+    return call
+
+
+class OfOne(Messenger):
+    """Handler that makes arrays of one number, where all plates have one element, the numbers that funsor expects."""
+
+    def process_message(self, msg: dict[str, Any]) -> None:
+        """Reshapes what is made a funsor."""
+        if msg["type"] == "to_funsor" and not msg["kwargs"]["dim_to_name"]:
+            msg["args"] = (jax.numpy.reshape(msg["args"][0], ()),)
