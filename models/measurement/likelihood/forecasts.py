@@ -1,6 +1,7 @@
 """Predictive log probability of new taps with parameters integrated out, shared by several models."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,14 +19,33 @@ def log_normal_probability(lower: ArrayLike, upper: ArrayLike) -> NDArray[np.flo
     return _log_probability(lower, upper, log_ndtr)
 
 
-def log_student_probability(lower: ArrayLike, upper: ArrayLike, freedom: ArrayLike) -> NDArray[np.float64]:
-    """Log probability of Student's t with `freedom` degrees of freedom, as `log_normal_probability`."""
+def log_student_probability(
+    lower: ArrayLike, upper: ArrayLike, freedom: ArrayLike, which: ArrayLike | None = None
+) -> NDArray[np.float64]:
+    """Log probability of Student's t, as `log_normal_probability`; for its error see `student_intervals`.
 
-    def log_cdf(x: NDArray[np.float64]) -> NDArray[np.float64]:
-        with np.errstate(divide="ignore"):
-            return np.log(stdtr(np.broadcast_to(freedom, x.shape), x))
+    Args:
+        lower: Lower ends.
+        upper: Upper ends.
+        freedom: Degrees of freedom.
+        which: Index of the degrees of freedom of each interval, if these are a list of different ones.
+    """
+    from .student_intervals import LEAST_FREEDOM, log_probabilities, tails
 
-    return _log_probability(lower, upper, log_cdf)
+    if which is None:
+        freedom, which = np.unique(np.asarray(freedom, dtype=np.float64), return_inverse=True)
+    freedom = np.asarray(freedom)
+    low, high, group = np.broadcast_arrays(np.asarray(lower, np.float64), np.asarray(upper, np.float64), which)
+    if (freedom < LEAST_FREEDOM).any():
+        return _log_probability(low, high, partial(_log_student, freedom[group]))
+    out = np.empty(low.shape)
+    log_probabilities(low.ravel(), high.ravel(), group.ravel(), freedom, *tails(freedom), out.reshape(-1))
+    return out
+
+
+def _log_student(freedom: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.float64]:
+    with np.errstate(divide="ignore"):
+        return np.log(stdtr(freedom, x))
 
 
 def _log_probability(lower: ArrayLike, upper: ArrayLike, log_cdf: Any) -> NDArray[np.float64]:
@@ -139,8 +159,10 @@ def log_t_probability(form: GaussianForm, q: int, freedom: NDArray[np.float64], 
     samples, below, above = bin_gaps(taps, edges, form.independent)
     innovation = form.innovations(samples, *own, q)
     scale = form.scale[q][own]
-    freedom = np.broadcast_to(freedom, form.scale.shape[1:])[own]
-    return log_student_probability((below + innovation) / scale, (above + innovation) / scale, freedom).sum(axis=(1, 2))
+    values, which = np.unique(freedom, return_inverse=True)
+    which = np.broadcast_to(which, form.scale.shape[1:])[own]
+    lower, upper = (below + innovation) / scale, (above + innovation) / scale
+    return log_student_probability(lower, upper, values, which).sum(axis=(1, 2))
 
 
 def over_draws(one: Callable[[], NDArray[np.float64]]) -> NDArray[np.float64]:

@@ -1,5 +1,6 @@
 """Forms: probabilities of bins from tables and from Gaussians, against SciPy and by brute force."""
 
+import mpmath
 import numpy as np
 import pytest
 from scipy import stats
@@ -84,6 +85,45 @@ def test_student_probabilities_are_those_of_scipy():
     ]
 
     np.testing.assert_allclose(log_student_probability(lower, upper, freedom), expected, rtol=1e-10, atol=1e-15)
+
+
+@pytest.mark.parametrize("freedom", [0.5, 1.0, 2.0, 3.7, 30.0, 400.0, 1e4])
+def test_student_probabilities_are_exact_in_all_tails(rng, freedom):
+    """To 1e-11 of the larger tail, against 60 digits, from -1000 to 1000."""
+    z = np.concatenate([rng.uniform(-6, 6, 8), rng.uniform(-1e3, 1e3, 4), [0.0, 3**0.5, 1e3]])
+    upper = z + np.exp(rng.uniform(-5, 3, len(z)))
+    tail, both = log_student_probability(-np.inf, -np.abs(z), freedom), log_student_probability(z, upper, freedom)
+
+    def beyond(x):
+        v, x = mpmath.mpf(freedom), mpmath.mpf(float(x))
+        half = mpmath.betainc(v / 2, 0.5, 0, v / (v + x * x), regularized=True) / 2
+        return half if x >= 0 else 1 - half
+
+    with mpmath.workdps(60):
+        for i, (low, high) in enumerate(zip(z, upper, strict=True)):
+            near, far = (low, high) if low + high > 0 else (-high, -low)
+            larger, smaller = beyond(near), beyond(far)
+            assert tail[i] == pytest.approx(float(mpmath.log(beyond(abs(low)))), rel=1e-11, abs=1e-11)
+            digits = 1e-11 * float(larger / (larger - smaller))
+            assert both[i] == pytest.approx(float(mpmath.log(larger - smaller)), rel=digits, abs=digits)
+
+
+def test_student_probabilities_of_several_freedoms_are_those_of_each(rng):
+    """More of one than are computed together; by themselves and by an index; few degrees of freedom as well."""
+    lower = rng.normal(scale=3, size=(300, 4))
+    upper, freedom = lower + rng.exponential(size=lower.shape), np.array([2.0, 7.0, 0.3, 2.0])
+    each = np.stack([log_student_probability(lower[:, i], upper[:, i], freedom[i]) for i in range(4)], axis=1)
+    values, which = np.unique(freedom, return_inverse=True)
+
+    np.testing.assert_allclose(log_student_probability(lower, upper, freedom), each, rtol=1e-11)
+    np.testing.assert_allclose(log_student_probability(lower, upper, values, which), each, rtol=1e-11)
+    np.testing.assert_allclose(np.exp(each[:, 2]), np.diff(stats.t(0.3).cdf([lower[:, 2], upper[:, 2]]), axis=0)[0])
+
+
+def test_an_interval_without_width_is_impossible_and_one_without_ends_unknown():
+    found = log_student_probability([0.0, 50.0, -np.inf, np.nan, 0.0], [0.0, 50.0, -np.inf, 1.0, np.nan], 4.0)
+
+    np.testing.assert_array_equal(found, [-np.inf, -np.inf, -np.inf, np.nan, np.nan])
 
 
 def test_probabilities_of_all_bins_sum_to_one(rng):
