@@ -11,7 +11,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from ...inference.filter import log_fold, share
+from ...inference.filter import share
 from ...inference.trials.judged_sequences import without_replacement
 from ...inference.trials.records import TapTable
 from ...inference.trials.resampling import CONFIDENCE, spread
@@ -21,6 +21,7 @@ from ...models.errors import InputError
 from ...models.grid import TapPool
 from ..stats.contacts import CONTACTS
 from ..stats.pairing import check_tables, reference_name, with_intervals
+from .scored import score
 
 MEANS = {
     "log_score_joint": "mean log belief in the true class",
@@ -40,12 +41,11 @@ CALIBRATIONS = {
 }
 _UNKNOWN = np.full(len(MEANS) + len(CALIBRATIONS), np.nan)  # of a resample in which too few classes have the taps
 CALIBRATION_BINS = 10
+_DIGITS = 12  # of beliefs, below which they are equal
 _DRAWS, _RESAMPLE_DRAWS = 50, 20  # per class, at least
 # Share of the classes that must have n distinct test taps: with fewer, dropping the hard ones would look like growth.
 _ENOUGH = 0.9
 _RESAMPLES = 100
-_LOG_LEAST = np.log(1e-290)  # below which a belief may have lost digits
-_AT_ONCE = 1 << 17  # numbers, about what a core keeps close
 
 
 class _Sequences(NamedTuple):
@@ -223,54 +223,12 @@ def _draw(
 
 
 def _scores(table: TapTable, sequences: _Sequences) -> _Scores:
-    step = max(1, _AT_ONCE // table.log_prior.size)
-    pieces = (slice(first, first + step) for first in range(0, len(sequences.taps), step))
-    parts = [_score(table, sequences.part(piece)) for piece in pieces]
-    return _Scores(*(np.concatenate(column) for column in zip(*parts, strict=True)))
-
-
-def _score(table: TapTable, sequences: _Sequences) -> _Scores:
-    """Scores of sequences; where no class is left nothing is believed, so nothing is right."""
-    M, each = table.pool.nearest.shape[1], np.arange(len(sequences.taps))
-    where, what = sequences.where, sequences.what
-    log_joint = np.repeat(table.log_prior[np.newaxis], len(each), axis=0)
-    for tap in sequences.taps.T:
-        log_joint += table.log_likelihood[tap]
-    log_joint *= share(sequences.taps.shape[1], table.saturation)
-    log_belief = log_fold(log_joint, M)
-    top = log_belief.max(axis=(1, 2))
-    none_left = np.isneginf(top)
-    log_belief -= np.where(none_left, 0.0, top)[:, np.newaxis, np.newaxis]
-    belief = np.exp(log_belief)
-    total = belief.sum(axis=(1, 2))
-    total[none_left] = 1.0
-    belief /= total[:, np.newaxis, np.newaxis]
-    log_total = np.log(total)
-    log_true = log_belief[each, where, what] - log_total
-    by_where, by_what = belief.sum(axis=2), belief.sum(axis=1)
-    with np.errstate(divide="ignore"):
-        log_what = np.log(by_what[each, what])
-    tiny = log_what < _LOG_LEAST
-    log_what[tiny] = np.logaddexp.reduce(log_belief[tiny, :, what[tiny]], axis=1) - log_total[tiny]
-    hits = {
-        "joint": belief.reshape(len(each), -1).argmax(axis=1) == where * M + what,
-        "where": by_where.argmax(axis=1) == where,
-        "what": by_what.argmax(axis=1) == what,
-    }
-    values = {
-        "log_score_joint": log_true,
-        "log_score_what": log_what,
-        "brier_joint": (belief**2).sum(axis=(1, 2)) - 2 * np.exp(log_true) + 1,
-        "brier_what": (by_what**2).sum(axis=1) - 2 * by_what[each, what] + 1,
-        **{f"accuracy_{part}": hit & ~none_left for part, hit in hits.items()},
-        "impossible": np.isneginf(log_true),
-        "no_class_left": none_left,
-    }
-    return _Scores(
-        np.stack([np.asarray(values[key], dtype=np.float64) for key in MEANS], axis=1),
-        np.stack([by_what.max(axis=1), by_where.max(axis=1)], axis=1),
-        np.stack([values["accuracy_what"], values["accuracy_where"]], axis=1).astype(np.float64),
-    )
+    n, (count, length) = len(MEANS), sequences.taps.shape
+    scores = _Scores(np.empty((count, n)), np.empty((count, 2)), np.empty((count, 2)))
+    power, M = share(length, table.saturation), table.pool.nearest.shape[1]
+    logs = np.ascontiguousarray(table.log_likelihood), np.ascontiguousarray(table.log_prior)
+    score(*logs, M, power, *sequences[:3], *scores)
+    return scores
 
 
 def _samples(table: TapTable, sequences: _Sequences, drawn: Sequence[_Sequences | None]) -> NDArray[np.float64]:
@@ -312,8 +270,8 @@ def _summary(scores: _Scores, sequences: _Sequences) -> NDArray[np.float64]:
 
 
 def _bins(belief: NDArray[np.float64], weight: NDArray[np.float64]) -> NDArray[np.intp]:
-    """The calibration bin of each belief: bins weigh about the same, and equal beliefs share one."""
-    _, group = np.unique(belief, return_inverse=True)
+    """The calibration bin of each belief: bins weigh about the same, and beliefs equal but for rounding share one."""
+    _, group = np.unique(belief.round(_DIGITS), return_inverse=True)
     mass = np.bincount(group, weight)
     middle = (np.cumsum(mass) - mass / 2) / mass.sum()
     return np.minimum((middle * CALIBRATION_BINS).astype(np.intp), CALIBRATION_BINS - 1)[group]

@@ -373,3 +373,11 @@ def test_few_errors_leave_one_more_in_doubt(n, few):
     wider = np.hypot((alone[1] - alone[0]) / 2, margin if few else 0.0)
     assert data.x_difference_high[1].item() == pytest.approx(0.02 + wider, rel=1e-3)
     assert data.x_difference_low[1].item() == pytest.approx(0.02 - wider, rel=1e-3)
+
+
+def test_beliefs_that_differ_by_rounding_share_a_bin():
+    """Otherwise the order of sums would decide how many of the most certain beliefs each bin holds."""
+    belief, weight = np.random.default_rng(0).choice([0.2, 1.0], size=500), np.ones(500)
+    rounded = belief + np.random.default_rng(1).choice([-(2.0**-53), 0.0, 2.0**-52], size=500)
+
+    np.testing.assert_array_equal(_bins(rounded, weight), _bins(belief, weight))

@@ -1,0 +1,100 @@
+"""Compiled loop for the belief in position and object after a fixed number of taps, and what it scores."""
+
+import numpy as np
+
+from ...models.compiled import compiled
+from ...models.elementary import LEAST, exponential
+
+_SMALL = 1e-290  # below it a belief may have lost digits
+
+
+@compiled
+def score(log_likelihood, log_prior, M, power, taps, where, what, values, top, hit):
+    """Scores sequences of taps; where no class is left nothing is believed, so nothing is right.
+
+    Args:
+        log_likelihood: Of N taps under L x S M hypotheses, shape (N, L, S M).
+        log_prior: Shape (L, S M).
+        M: Number of objects.
+        power: Of the belief.
+        taps: Taps of each sequence, shape (sequences, n).
+        where: True positions, shape (sequences,).
+        what: True objects, shape (sequences,).
+        values: Receives `classes.MEANS` in that order, shape (sequences, 9).
+        top: Receives the belief in the most probable object and position, shape (sequences, 2).
+        hit: Receives whether these are right, shape (sequences, 2).
+    """
+    L, log_joint = len(log_prior), np.empty(log_prior.shape)
+    belief, by_where, by_what = np.empty((L, M)), np.empty(L), np.empty(M)
+    for i in range(len(taps)):
+        l, m = where[i], what[i]
+        most = _join(log_likelihood, log_prior, power, taps[i], log_joint)
+        if most == -np.inf:
+            values[i], top[i], hit[i] = 0.0, 0.0, 0.0
+            values[i, 0], values[i, 1] = -np.inf, -np.inf
+            values[i, 2], values[i, 3], values[i, 7], values[i, 8] = 1.0, 1.0, 1.0, 1.0
+            continue
+        log_total = most + np.log(_share(log_joint, most, belief))
+        by_where[:], by_what[:] = 0.0, 0.0
+        for other in range(L):
+            for n in range(M):
+                by_where[other] += belief[other, n]
+                by_what[n] += belief[other, n]
+        true = _log_sum(log_joint[l : l + 1, m::M]) - log_total
+        small = by_what[m] < _SMALL
+        top[i, 0], top[i, 1] = by_what.max(), by_where.max()
+        hit[i, 0], hit[i, 1] = by_what.argmax() == m, by_where.argmax() == l
+        values[i, 0] = true
+        values[i, 1] = _log_sum(log_joint[:, m::M]) - log_total if small else np.log(by_what[m])
+        values[i, 2] = (belief * belief).sum() - 2 * np.exp(true) + 1
+        values[i, 3] = (by_what * by_what).sum() - 2 * by_what[m] + 1
+        values[i, 4], values[i, 5], values[i, 6] = belief.argmax() == l * M + m, hit[i, 1], hit[i, 0]
+        values[i, 7], values[i, 8] = true == -np.inf, 0.0
+
+
+@compiled
+def _join(log_likelihood, log_prior, power, taps, log_joint):
+    """Writes the log joint of taps and hypotheses, to a power, and returns the largest."""
+    size, most = log_prior.size, -np.inf
+    joint, prior = log_joint.reshape(size), log_prior.reshape(size)
+    for c in range(size):
+        joint[c] = prior[c]
+    for tap in taps:
+        row = log_likelihood[tap].reshape(size)
+        for c in range(size):
+            joint[c] += row[c]
+    for c in range(size):
+        joint[c] *= power
+        most = max(most, joint[c])
+    return most
+
+
+@compiled
+def _share(log_joint, most, belief):
+    """Writes the belief in position and object, shape (L, M), and returns the sum that it was divided by."""
+    (L, H), M, total = log_joint.shape, belief.shape[1], 0.0
+    belief[:] = 0.0
+    for l in range(L):
+        for h in range(H):
+            belief[l, h % M] += exponential(max(log_joint[l, h] - most, LEAST))
+        for m in range(M):
+            total += belief[l, m]
+    for l in range(L):
+        for m in range(M):
+            belief[l, m] /= total
+    return total
+
+
+@compiled
+def _log_sum(logs):
+    """Log of the sum of exponentials of two-dimensional logs."""
+    most, total = -np.inf, 0.0
+    for l in range(logs.shape[0]):
+        for s in range(logs.shape[1]):
+            most = max(most, logs[l, s])
+    if most == -np.inf:
+        return most
+    for l in range(logs.shape[0]):
+        for s in range(logs.shape[1]):
+            total += np.exp(logs[l, s] - most)
+    return most + np.log(total)
