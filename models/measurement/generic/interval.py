@@ -27,6 +27,7 @@ _TINY, _TERMS = -100.0, 9  # log of a tail of Student's t, below which a series 
 _TRUNCATED: Any = (dist.LeftTruncatedDistribution, dist.RightTruncatedDistribution, dist.TwoSidedTruncatedDistribution)
 _TRANSFORMED: Any = dist.TransformedDistribution  # any, as is whatever else is told apart by these
 _AFFINE: Any = dist.transforms.AffineTransform
+_FOLD: Any = dist.transforms.AbsTransform
 _HALF: dict[type, Any] = {dist.HalfNormal: dist.Normal, dist.HalfCauchy: dist.Cauchy}
 _MIXTURES: Any = (dist.MixtureSameFamily, dist.MixtureGeneral)
 CENSORED: Any = (dist.LeftCensoredDistribution, dist.RightCensoredDistribution)
@@ -86,9 +87,14 @@ def log_density(base: Any, value: jax.Array) -> jax.Array:
     return jnp.where(there, base.log_prob(jnp.where(each, value, _feasible(base, value))), -jnp.inf)
 
 
-def inside(base: Any, value: jax.Array) -> jax.Array:
+def inside(distribution: Any, value: jax.Array) -> jax.Array:
     """Whether values are in the support, of a mixture in that of a component."""
-    base = peeled(base)
+    base = peeled(distribution)
+    events = tuple(range(base.event_dim - distribution.event_dim, 0))
+    return jnp.all(_inside(base, value), axis=events)
+
+
+def _inside(base: Any, value: jax.Array) -> jax.Array:
     if isinstance(base, CENSORED):
         return inside(base.base_dist, value)
     if isinstance(base, _MIXTURES) and not base.event_dim:
@@ -96,9 +102,13 @@ def inside(base: Any, value: jax.Array) -> jax.Array:
         each = there[0] if isinstance(base, dist.MixtureSameFamily) else jnp.stack(there, axis=-1)
         return jnp.any(each, axis=-1)
     if isinstance(base, _TRANSFORMED):
+        there: Any = True
         for transform in reversed(base.transforms):
-            value = transform.inv(value)  # NaN where there is none, which is in no support
-        return inside(base.base_dist, value)
+            if not isinstance(transform, _AFFINE) and transform.codomain.event_dim == base.event_dim:
+                there &= transform.codomain(value)
+            if not isinstance(transform, _FOLD):
+                value = transform.inv(value)  # NaN where there is none, which is in no support
+        return there & inside(base.base_dist, value)
     return base.support(value)
 
 
@@ -119,7 +129,7 @@ def is_bounded(base: Any) -> bool:
 def _is_bound(support: Any) -> bool:
     while hasattr(support, "base_constraint"):
         support = support.base_constraint
-    return support is not constraints.real
+    return support is not None and support is not constraints.real
 
 
 def _feasible(base: Any, value: jax.Array) -> jax.Array:

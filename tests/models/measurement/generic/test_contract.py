@@ -64,6 +64,19 @@ def test_variables_of_sessions_are_known_by_their_axis():
     assert structure(laplace).by_session == {}
 
 
+def test_masked_samples_are_independent_without_a_table():
+    """As the mask may differ from sample to sample."""
+
+    def masked(where, what, taps=None, *, L, M, J, K):
+        scale = numpyro.sample("scale", dist.LogNormal(0.0, 1.0))
+        with numpyro.handlers.mask(mask=jnp.arange(J)[:, None] > 0):
+            numpyro.sample("taps", dist.Normal(0.0, scale).expand([len(where), J, K]), obs=taps)
+
+    found = structure(masked)
+
+    assert (found.measure, found.exchangeable, found.independent) == ("bins", False, True)
+
+
 def test_a_forecast_from_samples_before_is_not_exchangeable():
     def looks_back(where, what, taps=None, *, L, M, J, K):
         scale = numpyro.sample("scale", dist.LogNormal(0.0, 1.0))

@@ -185,3 +185,16 @@ def test_a_censored_sample_has_the_probability_of_all_that_it_may_be():
     for distribution, beyond in ((right, normal.logsf), (left, normal.logcdf)):
         log_prob = np.asarray(binned(distribution, taps).log_prob(taps.samples))[0, :, 0]
         np.testing.assert_allclose(log_prob, np.where(over, beyond(samples), bins), rtol=1e-9)
+
+
+def test_what_is_folded_or_has_events_is_inside_as_a_whole():
+    folded = dist.FoldedDistribution(dist.Normal(0.5, 1.0))
+    vectors = dist.TransformedDistribution(dist.Normal(jnp.zeros(2), 1.0).to_event(1), dist.transforms.ExpTransform())
+    at = jnp.array([[1.0, 2.0], [1.0, -2.0]])
+
+    np.testing.assert_array_equal(inside(folded, at), at > 0)
+    np.testing.assert_array_equal(inside(vectors, at), [True, False])
+    np.testing.assert_allclose(log_density(vectors, at), [stats.lognorm(1.0).logpdf([1.0, 2.0]).sum(), -np.inf])
+    assert is_bounded(folded)
+    assert is_bounded(vectors)
+    assert not is_bounded(dist.MultivariateNormal(jnp.zeros(2), jnp.eye(2)))

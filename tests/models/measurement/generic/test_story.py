@@ -18,7 +18,8 @@ from solidtouch.models.io.model_file import load_model
 from solidtouch.models.measurement import registry
 from solidtouch.models.measurement.generic import fit as fits
 from solidtouch.models.measurement.generic import source
-from solidtouch.models.measurement.generic.contract import StoryFunction, measurement_model
+from solidtouch.models.measurement.generic.contract import StoryCall, StoryFunction, measurement_model
+from solidtouch.models.measurement.generic.structure import structure_of
 from solidtouch.models.measurement.likelihood.bins import TableForm
 from solidtouch.models.measurement.likelihood.story_likelihood import log_likelihoods
 from solidtouch.models.measurement.registry import fit_model, model_name
@@ -534,6 +535,20 @@ def test_all_fits_find_the_same_levels(taps, monkeypatch):
         if name != "map":
             draws = [fit.posterior.draw(np.random.default_rng(seed))["loc"] for seed in range(200)]
             np.testing.assert_allclose(np.std(draws, axis=0).mean(), (n + 1 / 9) ** -0.5, rtol=0.15, err_msg=name)
+
+
+def test_discrete_variables_are_summed_for_one_class_and_taxel():
+    """Where all plates have one element; traced and not run, as compiling takes seconds."""
+    story, none = StoryFunction.of(two_levels, "two_levels"), np.zeros(0, dtype=int)
+    batch = StoryCall(none, none, (1, 1, 1, 1), session=none)
+    own = replace(batch, where=np.zeros(2, dtype=int), what=np.zeros(2, dtype=int))
+    samples = np.array([0.3, 1.2]).reshape(2, 1, 1)
+    with jax.enable_x64(True), numpyro.validation_enabled(False):
+        programs = fits.Variational.of(fits.Fit(story, structure_of(story, batch), own, samples, 0), "map")
+        begun = jax.eval_shape(programs.begin, jax.random.key(0), samples)
+        _, losses = jax.eval_shape(programs.forward, begun, samples)
+
+    assert losses.shape == (fits._AT_ONCE,)
 
 
 @pytest.mark.slow
