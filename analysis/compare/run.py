@@ -18,6 +18,7 @@ from ...models.measurement.registry import fit_model, split_name, suited
 from ...models.progress import Progress
 from ...models.settings import FitSettings, PlaySettings
 from ...models.taps import TapSet
+from ...models.threads import one_blas_thread
 from ..page.stages import StageClock
 from ..stats.checks import REPLICATES, predictive_checks
 from ..stats.decisions import at_equal_taps, decision_curves, planned, play_models
@@ -92,6 +93,7 @@ class Comparison(NamedTuple):
     elapsed_s: dict[str, float]
 
 
+@one_blas_thread()
 def compare_models(
     train: TapSet, test: TapSet, grid: ClassGrid, settings: CompareSettings, progress: Progress
 ) -> Comparison:

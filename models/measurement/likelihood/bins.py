@@ -256,13 +256,13 @@ class TableForm(NamedTuple):
         self, where: NDArray[np.intp], what: NDArray[np.intp], J: int, generator: np.random.Generator
     ) -> NDArray[np.uint32]:
         """Bins of taps as in `sample`, shape (N, J, K); raises as `sample`."""
-        cumulative = np.exp(self.log_prob).cumsum(axis=-1)
-        if not (cumulative[where, what, :, -1] > 0).all():
-            raise InputError("A tap cannot be drawn from a class without a distribution.")
-        bins = np.empty((len(where), J, cumulative.shape[2]), dtype=np.uint32)
-        H = cumulative.shape[1]
+        K, H = self.log_prob.shape[2], self.log_prob.shape[1]
         used, row = np.unique(where * H + what, return_inverse=True)
-        _draw(cumulative[used // H, used % H], row, generator.random((len(where), bins.shape[2], J)), bins)
+        cumulative = np.exp(self.log_prob[used // H, used % H]).cumsum(axis=-1)
+        if not (cumulative[..., -1] > 0).all():
+            raise InputError("A tap cannot be drawn from a class without a distribution.")
+        bins = np.empty((len(where), J, K), dtype=np.uint32)
+        _draw(cumulative, row, generator.random((len(where), K, J)), bins)
         return bins
 
     @staticmethod
