@@ -19,6 +19,7 @@ from solidtouch.models.measurement import registry
 from solidtouch.models.measurement.generic import fit as fits
 from solidtouch.models.measurement.generic import source
 from solidtouch.models.measurement.generic.contract import StoryCall, StoryFunction, measurement_model
+from solidtouch.models.measurement.generic.form import GenericForm
 from solidtouch.models.measurement.generic.structure import structure_of
 from solidtouch.models.measurement.likelihood.bins import TableForm
 from solidtouch.models.measurement.likelihood.story_likelihood import log_likelihoods
@@ -609,6 +610,16 @@ def level_of(distribution):
 def test_a_density_that_is_not_finite_is_told_with_its_class(distribution, message, taps):
     with pytest.raises(InputError, match=message):
         quick(level_of(distribution), taps)
+
+
+def test_a_probability_that_is_not_a_number_is_told_with_its_class(fitted, taps, monkeypatch):
+    """Also of a model without a table, where it is computed."""
+    wrong = np.full((1, L, M), -3.0)
+    wrong[0, 1, 0] = np.nan
+    monkeypatch.setattr(GenericForm, "log_prob", lambda *_: wrong)
+
+    with pytest.raises(InputError, match=r"position 1 and object 0 .* not a number; .* its GaussianRandomWalk, and"):
+        fitted["walk"].model.log_likelihood(taps.taps[:1])
 
 
 @pytest.mark.parametrize(
