@@ -21,7 +21,8 @@ def compiled_once(function: Callable[..., Any]) -> Callable[..., Any]:
 
     def call(*arguments: Any) -> Any:
         if not own:
-            lowered = jax.jit(function).lower(*arguments)
+            # Without unused arguments the text would not tell which ones are used, nor their shapes.
+            lowered = jax.jit(function, keep_unused=True).lower(*arguments)
             text = blake2b(lowered.as_text().encode()).digest()
             key = text, lowered.in_tree, lowered.out_tree
             found = _KEPT.pop(key, None) or lowered.compile()

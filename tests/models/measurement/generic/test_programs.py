@@ -46,6 +46,15 @@ def test_other_constants_and_shapes_make_another_program(compiled, size):
     assert len(compiled) == 4
 
 
+def test_arguments_that_are_not_used_make_another_program(compiled):
+    first, second = (compiled_once(function) for function in (lambda a, _: a, lambda _, b: b))
+    pair = np.zeros(2), np.ones(2)
+    assert (first(*pair).sum(), second(*pair).sum()) == (0.0, 2.0)
+    longer = compiled_once(lambda a, _: a)
+    assert longer(np.zeros(2), np.ones(3)).shape == (2,)
+    assert len(compiled) == 3
+
+
 def level(where, what, taps=None, *, L, M, J, K):
     with numpyro.plate("L", L, dim=-2), numpyro.plate("M", M, dim=-1):
         loc = numpyro.sample("loc", dist.Normal(0.0, 3.0))
