@@ -97,7 +97,7 @@ def test_convert_loads_nothing_beside_xarray(ran):
 
 def test_simulate_loads_no_jax(ran):
     assert ran["simulate"].code == 0
-    assert not ran["simulate"].modules & {"jax", "numpyro", "matplotlib", "numba"}
+    assert not ran["simulate"].modules & {"jax", "numpyro", "matplotlib", "scipy.signal"}
 
 
 @pytest.mark.parametrize("model", MODELS)
