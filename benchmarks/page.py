@@ -76,7 +76,7 @@ def write_block(document: Path | None, name: str, text: str) -> None:
 def publish(figure: Any, document: Path, name: str) -> None:
     """Writes a figure beside what was measured, and as `images/NAME.svg` beside the page."""
     OUT.mkdir(parents=True, exist_ok=True)
-    _, picture = save(figure, OUT, name)
+    (picture,) = save(figure, OUT, name)
     images = document.parent / "images"
     images.mkdir(exist_ok=True)
     with complete_file(images / picture.name, force=True) as temporary:

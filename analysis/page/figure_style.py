@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 ONE_COLUMN = 3.4  # inches
 TWO_COLUMNS = 7.0
-PNG_DPI = 200
+_PNG_DPI = 200
 MOST_FACTOR = 1000.0  # beyond which the size of a factor says nothing
 
 PASSIVE = "#c8102e"
@@ -118,19 +118,30 @@ def new_figure(
 
 
 @styled
-def save(figure: Figure, folder: str | Path, name: str) -> tuple[Path, Path]:
-    """Writes `name.png` (200 dpi) and `name.svg` into a folder; the same figure gives the same bytes.
+def save(figure: Figure, folder: str | Path, name: str, most: float = np.inf) -> tuple[Path, ...]:
+    """Writes `name.svg` into a folder; the same figure gives the same bytes.
+
+    Args:
+        figure: The figure.
+        folder: Where to.
+        name: Of the file without its suffix.
+        most: Bytes of a drawing above which `name.png` (200 dpi) is written as well.
+
+    Returns:
+        The files written.
 
     Raises:
         InputError: The folder cannot be written.
     """
-    png, svg = Path(folder) / f"{name}.png", Path(folder) / f"{name}.svg"
-    with complete_file(png, force=True) as temporary:
-        figure.savefig(temporary, format="png", dpi=PNG_DPI)
-    figure.set_layout_engine("none")  # laid out once, so that both show the same
+    svg, png = Path(folder) / f"{name}.svg", Path(folder) / f"{name}.png"
     with complete_file(svg, force=True) as temporary:
         figure.savefig(temporary, format="svg", dpi=300, metadata={"Date": None, "Creator": "solidtouch"})
-    return png, svg
+    if svg.stat().st_size <= most:
+        return (svg,)
+    figure.set_layout_engine("none")  # laid out once, so that both show the same
+    with complete_file(png, force=True) as temporary:
+        figure.savefig(temporary, format="png", dpi=_PNG_DPI)
+    return svg, png
 
 
 def short_unit(unit: str) -> str:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from jinja2 import Environment, StrictUndefined, Template
 from markupsafe import Markup
 
-from .figure_style import PNG_DPI, save
+from .figure_style import save
 from .page import Page, Picture, brief, spans
 
 _IMAGE_BYTES = 4_000_000  # of all figures together; base64 adds a third
@@ -51,7 +51,8 @@ def draw_pictures(folder: Path, pictures: Sequence[Picture], advance: Callable[[
     for picture in pictures:
         figure = picture.draw()
         if figure is not None:
-            images[picture.name] = embedded(*save(figure, folder, picture.name), _IMAGE_BYTES // len(pictures))
+            files = save(figure, folder, picture.name, _IMAGE_BYTES // len(pictures))
+            images[picture.name] = embedded(files, round(96 * figure.get_figwidth()))
         advance(1)
     return images
 
@@ -71,12 +72,12 @@ def render_brief(page: Page) -> str:
     return _template().render(page=brief(page), images={}, whole=False)
 
 
-def embedded(png: Path, svg: Path, limit: int) -> Image:
-    """A figure for a page: the drawing where it is no larger than `limit` bytes, else the smaller of both files."""
-    chosen = svg if svg.stat().st_size <= limit else min(png, svg, key=lambda path: path.stat().st_size)
-    kind = "svg+xml" if chosen == svg else "png"
+def embedded(files: Sequence[Path], width: int) -> Image:
+    """A figure for a page, `width` pixels wide: the smallest of its files."""
+    chosen = min(files, key=lambda path: path.stat().st_size)
+    kind = "svg+xml" if chosen.suffix == ".svg" else "png"
     data = f"data:image/{kind};base64,{base64.b64encode(chosen.read_bytes()).decode('ascii')}"
-    return Image(data, round(int.from_bytes(png.read_bytes()[16:20], "big") * 96 / PNG_DPI))
+    return Image(data, width)
 
 
 def _template() -> Template:

@@ -41,9 +41,9 @@ def cost_figure(curves: Sequence[Curve]) -> Any:
     return figure
 
 
-def draw(curves: Sequence[Curve], folder: Path) -> tuple[Path, Path]:
-    """Writes `performance.png` and `performance.svg` into a folder."""
-    return save(cost_figure(curves), folder, "performance")
+def draw(curves: Sequence[Curve], folder: Path) -> Path:
+    """Writes `performance.svg` into a folder."""
+    return save(cost_figure(curves), folder, "performance")[0]
 
 
 def _draw(axes: Any, curve: Curve) -> None:

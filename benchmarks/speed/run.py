@@ -79,7 +79,7 @@ def run(quick: bool, out: Path, document: Path | None) -> None:
     (out / "benchmarks.json").write_text(json.dumps(measured, indent=1), encoding="utf-8")
     page = "\n\n".join(["# Benchmarks", *texts])
     (out / "benchmarks.md").write_text(page + "\n", encoding="utf-8")
-    _, picture = draw(grown, out)
+    picture = draw(grown, out)
     if document is not None:
         for name, text in parts.items():
             write_block(document, name, text)

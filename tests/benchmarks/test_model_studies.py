@@ -282,7 +282,7 @@ def test_a_figure_stands_beside_the_page_as_one_file(tmp_path, monkeypatch):
     figure = figures.recovery_figure(np.eye(2, dtype=int), ["a", "b"])
     publish(figure, tmp_path / "page.md", "wins")
     assert [path.name for path in (tmp_path / "images").iterdir()] == ["wins.svg"]
-    assert {path.suffix for path in (tmp_path / "out").iterdir()} == {".png", ".svg"}
+    assert {path.suffix for path in (tmp_path / "out").iterdir()} == {".svg"}
 
 
 def test_plate_diagrams_show_every_site_with_its_distribution():

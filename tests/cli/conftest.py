@@ -1,6 +1,5 @@
 """Commands run as a person runs them, but in this process."""
 
-import base64
 import sys
 from collections.abc import Callable
 from typing import NamedTuple
@@ -9,8 +8,6 @@ import pytest
 from solidtouch.analysis.page import html
 from solidtouch.analysis.trials import spread
 from solidtouch.cli.main import run
-
-PIXEL = base64.b64decode("iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAAAAAA6fptVAAAACklEQVR42mP4DwABAQEAHLCMmQAAAABJRU5ErkJggg==")
 
 
 class Done(NamedTuple):
@@ -46,14 +43,13 @@ def _few_selected(monkeypatch) -> None:
 
 @pytest.fixture
 def sketched(monkeypatch) -> None:
-    """Figures of a report are made but not drawn: their files hold one pixel and an empty drawing.
+    """Figures of a report are made but not drawn: their files hold an empty drawing.
 
-    What figures look like, and that both formats are written, is tested beside the code that draws them.
+    What figures look like is tested beside the code that draws them.
     """
 
-    def sketch(_, folder, name):
-        (folder / f"{name}.png").write_bytes(PIXEL)
+    def sketch(_, folder, name, most):
         (folder / f"{name}.svg").write_text("<svg/>")
-        return folder / f"{name}.png", folder / f"{name}.svg"
+        return (folder / f"{name}.svg",)
 
     monkeypatch.setattr(html, "save", sketch)

@@ -78,8 +78,7 @@ def test_the_folder_holds_everything(three):
     assert three.code == 0, three.err
     names = {path.name for path in three.folder.iterdir()}
     assert {"audit.json", "report.html", "setting.json", "model.nc"} <= names
-    figures = {name.removesuffix(".png") for name in names if name.endswith(".png")}
-    assert figures == {name.removesuffix(".svg") for name in names if name.endswith(".svg")}
+    figures = {name.removesuffix(".svg") for name in names if name.endswith(".svg")}
     assert {"causes", "leakage", "taxels", "times", "remedies", "confusion", "guarantees"} <= figures
     summary = three.summary
     assert all("evidence" in summary[key] for key in KEYS)

@@ -46,7 +46,7 @@ def test_simulated_data_give_the_whole_folder(command, tmp_path, sketched, monke
     assert done.code == 0
     assert f"Report saved to {tmp_path / 'run' / 'report.html'}" in done.out
     files = {path.name for path in (tmp_path / "run").iterdir()}
-    assert files == {f"{name}.{kind}" for name in FIGURES for kind in ("png", "svg")} | {
+    assert files == {f"{name}.svg" for name in FIGURES} | {
         "results.nc", "summary.json", "report.html",
     }  # fmt: skip
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
@@ -266,7 +266,7 @@ def test_one_position_leaves_the_active_part_out(command, tmp_path, make_taps):
 
     assert done.code == 0
     assert "a single position" in " ".join(done.out.split())
-    assert not {f"{name}.png" for name in ACTIVE} & {path.name for path in (tmp_path / "run").iterdir()}
+    assert not {f"{name}.svg" for name in ACTIVE} & {path.name for path in (tmp_path / "run").iterdir()}
     assert {row["policy"] for row in summary_of(tmp_path / "run")["results"]} == {"passive"}
 
 

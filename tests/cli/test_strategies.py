@@ -75,7 +75,7 @@ def test_regret_can_be_had_alone(call, tmp_path, monkeypatch, sketched):
     assert "Regret relative to a bound" in " ".join(result.output.split())
     summary = json.loads((out / "strategies.json").read_text())
     assert (summary["sources"], summary["regret"]["trials"], summary["regret"]["seed"]) == ([], 20, 3)
-    assert {path.name for path in out.iterdir()} == {"regret.png", "regret.svg", "report.html", "strategies.json"}
+    assert {path.name for path in out.iterdir()} == {"regret.svg", "report.html", "strategies.json"}
     assert 'id="regret"' in (out / "report.html").read_text()
 
 

@@ -168,8 +168,7 @@ def main() -> None:
     }
     drawn = [Story(name, get_model_relations(story)) for name, story in models.items()]
     folder = Path(__file__).parents[3] / "docs" / "reference" / "images"
-    png, _ = save(plates(drawn), folder, "model-plates")
-    png.unlink()
+    save(plates(drawn), folder, "model-plates")
 
 
 if __name__ == "__main__":

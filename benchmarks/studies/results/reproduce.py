@@ -23,7 +23,7 @@ _FRESH_DIGITS = {"what_error": 2, "where_error": 3, "taps": 1}
 BLOCKS = PAPER, FRESH, RECORDED, CONTACTS = "paper", "fresh", "recorded", "contacts"
 SHOWN = (0.1, 0.5, 0.9, 0.95, 0.995)
 AFTER = (1, 2, 5, 10)
-FIGURE = ("fig7", "active-versus-passive.png")
+FIGURE = ("fig7", "active-versus-passive.svg")
 _FOLDS = ("--split", "leave-one-session-out")
 _CELLS = ("--where-cell", "3mm", "--what-cell", "3mm")
 
@@ -143,7 +143,7 @@ def main() -> None:
         if options.document is not None:
             figure, picture = FIGURE
             with complete_file(options.document.parent / "images" / picture, force=True) as unfinished:
-                shutil.copyfile(folder / "paper" / f"{figure}.png", unfinished)
+                shutil.copyfile(folder / "paper" / f"{figure}.svg", unfinished)
         first, later = [], []
         for one in RECORDINGS if options.recorded is not None else ():
             words, own = ["--data", options.recorded / one.file, *one.options], folder / one.file

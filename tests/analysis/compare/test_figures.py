@@ -112,10 +112,9 @@ def test_nothing_overlaps(name):
 
 
 def test_a_figure_of_ten_models_is_written(tmp_path):
-    """In both formats, small enough to be mailed."""
-    png, svg = save(drawn("curves, ten models"), tmp_path, "figure")
+    """Small enough to be mailed."""
+    (svg,) = save(drawn("curves, ten models"), tmp_path, "figure")
 
-    assert png.read_bytes().startswith(b"\x89PNG")
     assert svg.stat().st_size < 1_500_000
 
 

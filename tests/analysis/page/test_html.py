@@ -7,6 +7,7 @@ from html.parser import HTMLParser
 
 import pytest
 from matplotlib.figure import Figure
+from solidtouch.analysis.page import html
 from solidtouch.analysis.page import page as pages
 from solidtouch.analysis.page.html import Image, draw_pictures, embedded, render_page, write_page
 from solidtouch.analysis.page.page import (
@@ -140,7 +141,7 @@ def test_a_page_is_written_with_its_figures_and_numbers(tmp_path):
     images = draw_pictures(tmp_path, PAGE.pictures, lambda _: None)
     write_page(tmp_path, PAGE, {"a": 1.5, "b": "ü"}, "summary.json", images)
 
-    assert {path.name for path in tmp_path.iterdir()} == {"fig1.png", "fig1.svg", "report.html", "summary.json"}
+    assert {path.name for path in tmp_path.iterdir()} == {"fig1.svg", "report.html", "summary.json"}
     assert json.loads((tmp_path / "summary.json").read_text(encoding="utf-8")) == {"a": 1.5, "b": "ü"}
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
     assert Parsed(text).of("img")[0]["src"].startswith("data:image/svg+xml;base64,")
@@ -161,15 +162,24 @@ def test_drawn_figures_are_counted_and_need_not_be_drawn_again(tmp_path):
 
 def test_large_drawings_are_embedded_as_pixels(tmp_path):
     """But where their pixels would be larger still."""
-    png, svg = tmp_path / "a.png", tmp_path / "a.svg"
-    png.write_bytes(b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR" + (1400).to_bytes(4, "big") + b"\0" * 1000)
+    svg, png = tmp_path / "a.svg", tmp_path / "a.png"
+    png.write_bytes(b"\0" * 1000)
     svg.write_text("<svg>" + " " * 2000 + "</svg>")
 
-    assert embedded(png, svg, 5000).data.startswith("data:image/svg+xml;base64,")
-    assert embedded(png, svg, 1000).data.startswith("data:image/png;base64,")
+    assert embedded([svg], 672).data.startswith("data:image/svg+xml;base64,")
+    assert embedded([svg, png], 672).data.startswith("data:image/png;base64,")
     svg.write_text("<svg></svg>")
-    assert embedded(png, svg, 0).data.startswith("data:image/svg+xml")
-    assert embedded(png, svg, 0).width == 672
+    assert embedded([svg, png], 672).data.startswith("data:image/svg+xml")
+    assert embedded([svg, png], 672).width == 672
+
+
+def test_pixels_are_written_where_drawings_are_too_large(tmp_path, monkeypatch):
+    monkeypatch.setattr(html, "_IMAGE_BYTES", 100)
+    images = draw_pictures(tmp_path, PAGE.pictures, lambda _: None)
+
+    assert {path.name for path in tmp_path.iterdir()} == {"fig1.svg", "fig1.png"}
+    assert (tmp_path / "fig1.png").read_bytes().startswith(b"\x89PNG")
+    assert images["fig1"].data.startswith("data:image/")
 
 
 def test_the_examples_of_the_docstrings_hold():

@@ -130,12 +130,11 @@ def test_figures_are_drawn(name):
 
 
 @pytest.mark.parametrize("name", [*LARGE, "trajectories with NaN", "acuity, passive only"])
-def test_figures_are_written_in_both_formats(name, tmp_path):
+def test_figures_are_written(name, tmp_path):
     """Every figure draws without a warning and is small enough to be mailed."""
-    png, svg = save(CASES[name](), tmp_path, "figure")
+    (svg,) = save(CASES[name](), tmp_path, "figure")
 
-    assert [tmp_path / "figure.png", tmp_path / "figure.svg"] == [png, svg] == sorted(tmp_path.iterdir())
-    assert png.read_bytes().startswith(b"\x89PNG")
+    assert [tmp_path / "figure.svg"] == [svg] == list(tmp_path.iterdir())
     assert svg.read_text().startswith("<?xml")
     assert svg.stat().st_size < 1_500_000
 
@@ -143,8 +142,8 @@ def test_figures_are_written_in_both_formats(name, tmp_path):
 @pytest.mark.parametrize("name", ["pressure", "trajectories"])
 def test_the_same_data_give_the_same_bytes(name, tmp_path):
     """A figure drawn and written twice is the same file, and an older one is replaced."""
-    first = [path.read_bytes() for path in save(CASES[name](), tmp_path, "figure")]
-    second = [path.read_bytes() for path in save(CASES[name](), tmp_path, "figure")]
+    first = [path.read_bytes() for path in save(CASES[name](), tmp_path, "figure", most=0)]
+    second = [path.read_bytes() for path in save(CASES[name](), tmp_path, "figure", most=0)]
 
     assert first == second
 

@@ -267,7 +267,7 @@ def test_the_page_shows_every_option_and_its_verdict(summary, tmp_path):
     assert "at the deadline, left out: why not" in page
     names = {path.name for path in (tmp_path / "out").iterdir()}
     assert names == {
-        *(f"{name}-1.{kind}" for name in ("forest", "pairs") for kind in ("png", "svg")),
+        *(f"{name}-1.svg" for name in ("forest", "pairs")),
         "report.html",
         "sensitivity.json",
     }

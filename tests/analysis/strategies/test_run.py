@@ -235,7 +235,7 @@ def test_the_folder_holds_page_numbers_and_figures(summary, tmp_path):
     StrategiesReport((), summary).save(tmp_path / "out")
     names = {path.name for path in (tmp_path / "out").iterdir()}
     drawn = ("curves-1", "equal-taps-1", "stopping-1", "trajectories-1", "trust")
-    assert names == {*(f"{name}.{kind}" for name in drawn for kind in ("png", "svg")), "report.html", "strategies.json"}
+    assert names == {*(f"{name}.svg" for name in drawn), "report.html", "strategies.json"}
     assert json.loads((tmp_path / "out" / "strategies.json").read_text()) == json.loads(json.dumps(summary))
     page = (tmp_path / "out" / "report.html").read_text()
     assert all(f'id="{name}"' in page for name in drawn)
