@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numba
@@ -55,8 +56,10 @@ class _Cache(FunctionCache):
 def _called(function: Any) -> Iterator[Any]:
     """A function and all compiled ones that it calls, directly or not."""
     yield function
-    for name in function.__code__.co_names:
-        called = function.__globals__.get(name)
+    names = function.__code__.co_names
+    known = {name: function.__globals__.get(name) for name in names}
+    parts = [vars(module).get(name) for module in known.values() if isinstance(module, ModuleType) for name in names]
+    for called in (*known.values(), *parts):
         inner = getattr(called, "py_func", None) or getattr(called, "_defn", None)
         if inner is not None:
             yield from _called(inner)

@@ -83,12 +83,13 @@ def test_types_may_move_to_another_module(folder):
     assert hits(module) == 0
 
 
-def test_a_change_of_a_function_that_is_called_counts(folder, monkeypatch):
-    """Wherever it is; its own code is part of the other's."""
+@pytest.mark.parametrize(("line", "name"), [("from couples import both", "both"), ("import couples", "couples.both")])
+def test_a_change_of_a_function_that_is_called_counts(folder, monkeypatch, line, name):
+    """Wherever it is and however it is named; its own code is part of the other's."""
     monkeypatch.setattr(sys, "dont_write_bytecode", True)  # a copy from the same second would count as new
     called = "from solidtouch.models.compiled import compiled\n\n@compiled\ndef both(a, b):\n    return a {} b\n"
-    code = CODE.replace("return pair.first + pair.second", "return both(pair.first, pair.second)")
-    (folder / "loop.py").write_text("from couples import both\n" + code.format(types="pairs"))
+    code = CODE.replace("return pair.first + pair.second", f"return {name}(pair.first, pair.second)")
+    (folder / "loop.py").write_text(f"{line}\n{code.format(types='pairs')}")
     for sign, expected in (("+", 3.0), ("*", 2.0)):
         path = folder / "couples.py"
         path.write_text(called.format(sign))
