@@ -27,7 +27,8 @@ def compiled[F: Callable[..., Any]](function: F, *, in_order: bool = False) -> F
         in_order: Whether every operation is rounded as it stands, so that results are the same to the last bit wherever
             they are computed.
     """
-    dispatcher: Any = numba.njit(**_OPTIONS | ({"fastmath": False} if in_order else {}))(function)
+    options: dict[str, Any] = _OPTIONS | {"fastmath": False} if in_order else _OPTIONS
+    dispatcher: Any = numba.njit(**options)(function)
     with suppress(RuntimeError, OSError):  # no folder can be written, or there is no file
         dispatcher._cache = _Cache(function)
     return dispatcher
