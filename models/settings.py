@@ -272,3 +272,13 @@ def _description(kind: Any) -> str:
     if type(None) in options:
         return f"{_description(options[0])} or none"
     return f"one of {', '.join(options)}" if options else {str: "text", bool: "true or false"}[kind]
+
+
+def check_missing(missing: str) -> None:
+    """Checks how missing samples are to be treated.
+
+    Raises:
+        InputError: It is neither `refuse` nor `drop`.
+    """
+    if missing not in ("refuse", "drop"):
+        raise InputError(f"missing must be refuse or drop, got {missing!r}.")

@@ -37,23 +37,11 @@ from .blocks import ScaledSamples, extreme_samples, over_blocks, tap_digests, wr
 from .errors import InputError, check_numbers
 from .grid import ClassGrid, group, parse_length, values_from_names
 from .preprocessing import Preprocessing
-from .settings import Missing
+from .settings import Missing, check_missing
 from .storage import check_netcdf_name, check_writable, complete_file, read_groups
+from .tap_checks import check_shapes, check_values
 
 FORMAT = 1
-_DIMS = {
-    "taps": ("tap", "sample", "taxel"),
-    "what": ("tap",),
-    "where": ("tap",),
-    "session": ("tap",),
-    "trial": ("tap",),
-    "what_name": ("what_class",),
-    "what_value": ("what_class",),
-    "where_value": ("where_class",),
-    "where_edges": ("where_edge",),
-    "taxel_position": ("taxel", "axis"),
-}
-_OPTIONAL = ("what_value", "where_edges", "taxel_position")
 _ROUNDING = 1e-6  # in cells
 _MOST_CELLS = 1e6
 
@@ -83,9 +71,9 @@ class TapSet:
         """Checks the dataset."""
         if not isinstance(self.dataset, xr.Dataset):
             raise InputError(f"A TapSet holds an xarray dataset, got {type(self.dataset).__name__}; see from_arrays.")
-        _check_shapes(self.dataset)
+        check_shapes(self.dataset)
         extremes = self.extremes
-        _validate(self.dataset, extremes)
+        check_values(self.dataset, extremes)
         if self.samples.nbytes > storage.ON_DISK:
             object.__setattr__(self, "scanned", extremes)
 
@@ -498,88 +486,3 @@ def _marked(missing: Missing) -> dict[str, str]:
     """Attribute of a dataset whose samples may be missing."""
     check_missing(missing)
     return {"missing": missing} if missing == "drop" else {}
-
-
-def check_missing(missing: str) -> None:
-    """Checks how missing samples are to be treated.
-
-    Raises:
-        InputError: It is neither `refuse` nor `drop`.
-    """
-    if missing not in ("refuse", "drop"):
-        raise InputError(f"missing must be refuse or drop, got {missing!r}.")
-
-
-def _check_shapes(dataset: xr.Dataset) -> None:
-    """Checks that there are samples of all taps."""
-    _check_dims(dataset)
-    sizes, kind = dataset.sizes, dataset.variables["taps"].dtype
-    if min(sizes["tap"], sizes["sample"], sizes["taxel"]) < 1:
-        raise InputError(f"taps must not be empty, got shape {dataset['taps'].shape}.")
-    if kind.kind not in "fiub":
-        raise InputError(f"taps must hold numbers, got {kind}.")
-
-
-def _validate(dataset: xr.Dataset, extremes: NDArray[Any]) -> None:
-    sizes, may_miss = dataset.sizes, dataset.attrs.get("missing") == "drop"
-    wrong = (np.isinf(extremes) if may_miss else ~np.isfinite(extremes)).any(axis=(1, 2))
-    if wrong.any():
-        tap = int(wrong.argmax())
-        _check_finite("taps", dataset.variables["taps"][tap : tap + 1].values, may_miss, tap)
-    for name in ("where", "what_value", "where_value", "where_edges", "taxel_position"):
-        if name in dataset.variables:
-            _check_finite(name, dataset[name].values)
-    for name, values in dataset.data_vars.items():
-        if values.dtype.kind == "f" and name != "taps":
-            _check_finite(str(name), values.values)
-    for name in ("what", "session", "trial"):
-        if dataset[name].dtype.kind not in "iu":
-            raise InputError(f"{name} must hold integers, got {dataset[name].dtype}.")
-    _check_labels("what", dataset["what"].values, sizes["what_class"])
-    names = [str(name) for name in dataset["what_name"].values]
-    if len(set(names)) != len(names):
-        raise InputError(f"what_name has a repeated name: {names}.")
-    if not np.all(np.diff(dataset["where_value"].values) > 0):
-        raise InputError("where_value must increase.")
-    if "where_edges" in dataset and sizes["where_edge"] != sizes["where_class"] + 1:
-        raise InputError(f"where_edges must have {sizes['where_class'] + 1} values, got {sizes['where_edge']}.")
-    record = Preprocessing.from_json(dataset.attrs.get("preprocessing", ""))
-    if record.samples != sizes["sample"]:
-        raise InputError(f"preprocessing has {record.samples} samples, but taps have {sizes['sample']}.")
-
-
-def _check_dims(dataset: xr.Dataset) -> None:
-    for name, dims in _DIMS.items():
-        if name in dataset.variables:
-            if dataset[name].dims != dims:
-                raise InputError(f"{name} must have dims {dims}, got {dataset[name].dims}.")
-        elif name not in _OPTIONAL:
-            raise InputError(f"Missing array {name}.")
-
-
-def _check_finite(name: str, values: NDArray[Any], may_miss: bool = False, first: int = 0) -> None:
-    """Checks values, of which the first has this index."""
-    if values.dtype.kind not in "fiub":
-        raise InputError(f"{name} must hold numbers, got {values.dtype}.")
-    bad = np.argwhere(np.isinf(values) if may_miss else ~np.isfinite(values))
-    if len(bad):
-        place = ", ".join(str(int(i)) for i in bad[0] + first * (np.arange(bad.shape[1]) == 0))
-        value = values[tuple(bad[0])]
-        raise InputError(f"{name}[{place}] is {value}; {not_finite(value, sample=name == 'taps')}")
-
-
-def not_finite(value: Any, sample: bool) -> str:
-    """Says that a value is refused, and how samples that are NaN can be left out."""
-    told = "NaN and infinite values are not accepted"
-    if not sample or not np.isnan(value):
-        return f"{told}."
-    return (
-        f"{told}. fit, compare, crosscheck, reproduce, trials, tune and perceive leave out samples that are NaN with "
-        '--missing drop (missing="drop").'
-    )
-
-
-def _check_labels(name: str, values: NDArray[Any], size: int) -> None:
-    bad = np.flatnonzero((values < 0) | (values >= size))
-    if len(bad):
-        raise InputError(f"{name}[{bad[0]}] is {values[bad[0]]}, outside its table of {size} entries.")

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..settings import Missing
-from ..taps import not_finite
+from ..tap_checks import not_finite
 from .recording import Labels, Recording, naming
 
 NUMBERS = ("tap", "where", "session", "trial", "time_s", "what_value")

@@ -6,8 +6,8 @@ from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 from ..errors import InputError
-from ..settings import Missing
-from ..taps import TapSet, check_missing, concatenate
+from ..settings import Missing, check_missing
+from ..taps import TapSet, concatenate
 from .arrays import read_npz, recording_from_arrays
 from .csv import read_csv, read_csv_folder
 from .mat import read_mat

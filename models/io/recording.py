@@ -16,7 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 from ..errors import InputError
 from ..preprocessing import Preprocessing
 from ..settings import Missing
-from ..taps import TapSet, not_finite
+from ..tap_checks import not_finite
+from ..taps import TapSet
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,9 +20,8 @@ from ..blocks import over_blocks
 from ..errors import InputError
 from ..progress import Progress, no_progress
 from ..seeds import Purpose, generator
-from ..settings import Missing, check_saturation, likelihood_exponent
+from ..settings import Missing, check_missing, check_saturation, likelihood_exponent
 from ..storage import write_groups
-from ..taps import check_missing
 from ..training import training_taps
 from .likelihood.bins import NOT_FINITE, find_bins
 from .likelihood.mixture import MixtureForm
