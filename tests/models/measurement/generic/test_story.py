@@ -545,9 +545,10 @@ def test_discrete_variables_are_summed_for_one_class_and_taxel():
     own = replace(batch, where=np.zeros(2, dtype=int), what=np.zeros(2, dtype=int))
     samples = np.array([0.3, 1.2]).reshape(2, 1, 1)
     with jax.enable_x64(True), numpyro.validation_enabled(False):
-        programs = fits.Variational.of(fits.Fit(story, structure_of(story, batch), own, samples, 0), "map")
-        begun = jax.eval_shape(programs.begin, jax.random.key(0), samples)
-        _, losses = jax.eval_shape(programs.forward, begun, samples)
+        fit = fits.Fit(story, structure_of(story, batch), own, samples, 0)
+        programs = fits.Variational.of(fit, "map")
+        begun = jax.eval_shape(programs.begin, jax.random.key(0), fit.data)
+        _, losses = jax.eval_shape(programs.forward, begun, fit.data)
 
     assert losses.shape == (fits._AT_ONCE,)
 
