@@ -137,7 +137,9 @@ def arviz_groups(
     known = tap_coords(model, used)
     groups = {name: _joined(each, chosen.shape) for name, each in parts.items()}
     groups["observed_data"] = xr.Dataset({TAPS: (predicted.dims, predicted.observed)})
-    for name in ("log_likelihood", "posterior_predictive", "observed_data"):
+    if model.judges_in_new_sessions:
+        del groups["log_likelihood"]
+    for name in groups.keys() & {"log_likelihood", "posterior_predictive", "observed_data"}:
         groups[name] = groups[name].assign_coords(known)
     for name in ("posterior_predictive", "observed_data"):
         groups[name][TAPS].attrs["long_name"] = predicted.told

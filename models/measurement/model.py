@@ -121,6 +121,14 @@ class TapModel(ABC):
         return False
 
     @property
+    def judges_in_new_sessions(self) -> bool:
+        """Whether a tap is judged as one of a session that no training tap belongs to, so training taps are, too.
+
+        Log probabilities of training taps are not those under its posterior then.
+        """
+        return False
+
+    @property
     def name(self) -> str:
         """Name in the registry; `session:` and the kind with several states."""
         return self.kind if len(self.states.gain) == 1 else f"session:{self.kind}"

@@ -165,6 +165,11 @@ class GenericModel(ModelOfParameters):
         return self.program.structure.measure
 
     @property
+    def judges_in_new_sessions(self) -> bool:
+        """Whether it has latent variables of sessions."""
+        return bool(self.program.structure.by_session)
+
+    @property
     def runs_story(self) -> bool:
         """Whether it has no table."""
         return not self.program.structure.exchangeable
@@ -188,7 +193,7 @@ class GenericModel(ModelOfParameters):
     def _in_new_sessions(self) -> Sequence[Parameters]:
         from .sessions import with_new_session
 
-        if not self.program.structure.by_session:
+        if not self.judges_in_new_sessions:
             return [self.parameters]
         generators = (generator(0, Purpose.NEW_SESSION, number) for number in range(_SESSIONS))
         return [with_new_session(self.program, self.parameters, each) for each in generators]

@@ -22,6 +22,7 @@ from numpyro.handlers import seed, substitute, trace
 from ...errors import InputError
 from ..fits.present import layers, peeled
 from .contract import StoryCall, StoryFunction
+from .interval import CENSORED
 from .observed import elementwise, measure_of
 
 OBSERVED = "taps"
@@ -322,8 +323,8 @@ def _family(distribution: Any) -> str:
 def _is_alike(site: dict[str, Any]) -> bool:
     base = peeled(site["fn"])
     same = len(base.batch_shape) < 2 or base.batch_shape[-2] == 1
-    masked = any(isinstance(part, MaskedDistribution) for part in layers(site["fn"]))
-    return site.get("scale") is None and elementwise(site["fn"]) and same and not masked
+    cut = any(isinstance(part, (MaskedDistribution, *CENSORED)) for part in layers(site["fn"]))
+    return site.get("scale") is None and elementwise(site["fn"]) and same and not cut
 
 
 def _session_axes(

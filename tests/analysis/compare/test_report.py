@@ -4,6 +4,8 @@ import warnings
 from copy import deepcopy
 
 import numpy as np
+import numpyro
+import numpyro.distributions as dist
 import pytest
 from solidtouch.analysis.compare.report import compare
 from solidtouch.models.settings import FitSettings
@@ -96,3 +98,35 @@ def test_a_model_that_fails_without_a_group_is_named_in_the_warnings(make_taps):
     assert "smooth has no value for left-out positions: without position " in told
     assert "three positions" in told or "3 positions" in told
     assert "gaussian has no value" not in repr(report.summary["warnings"])
+
+
+def test_a_function_that_judges_taps_in_new_sessions_has_no_scores_of_training_taps(make_taps):
+    """They would be those of other sessions than their own."""
+
+    def shifted(where, what, taps=None, *, M, J, K, session):
+        with numpyro.plate("M", M):
+            loc = numpyro.sample("loc", dist.Normal(0.0, 3.0))
+        with numpyro.plate("S", int(session.max()) + 1):
+            shift = numpyro.sample("shift", dist.Normal(0.0, 1.0))
+        level = (loc[what] + shift[session])[:, None, None]
+        with numpyro.plate("tap", len(where), dim=-3), numpyro.plate("J", J, dim=-2), numpyro.plate("K", K, dim=-1):
+            numpyro.sample("taps", dist.Normal(level, 1.0), obs=taps)
+
+    taps = make_taps(L=2, M=2, J=3, K=2, sessions=2, repeats=6)
+    first = taps.session == 0
+    fitting = FitSettings(bins=10, method="map", unconverged=True)
+    report = compare(
+        taps.select(first),
+        taps.select(~first),
+        models=["gaussian", shifted],
+        fit=fitting,
+        draws=100,
+        trials=20,
+        thresholds=[0.5],
+    )
+    (told,) = [text for text in report.summary["warnings"] if "no predictive checks" in text]
+
+    assert told.startswith("shifted has no value for single taps left out")
+    assert list(report.tree["checks"]["model"].values) == ["gaussian"]
+    assert list(report.tree["taps_left_out"]["model"].values) == ["gaussian"]
+    assert np.isfinite(report.taps["integrated"].sel(model="shifted"))

@@ -77,6 +77,17 @@ def test_masked_samples_are_independent_without_a_table():
     assert (found.measure, found.exchangeable, found.independent) == ("bins", False, True)
 
 
+def test_a_censored_sample_has_no_bin_of_a_table():
+    def saturated(where, what, taps=None, *, J, K):
+        loc = numpyro.sample("loc", dist.Normal(0.0, 1.0))
+        with numpyro.plate("tap", len(where), dim=-3), numpyro.plate("J", J, dim=-2), numpyro.plate("K", K, dim=-1):
+            numpyro.sample("taps", dist.RightCensoredDistribution(dist.Normal(loc, 1.0), jnp.arange(K) == 0), obs=taps)
+
+    found = structure(saturated)
+    assert not found.exchangeable
+    assert found.measure == "bins"
+
+
 def test_a_forecast_from_samples_before_is_not_exchangeable():
     def looks_back(where, what, taps=None, *, L, M, J, K):
         scale = numpyro.sample("scale", dist.LogNormal(0.0, 1.0))
