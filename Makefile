@@ -107,7 +107,7 @@ clean:
 	rm -rf $(VENV) build dist *.egg-info
 
 help:
-	@echo "make run     reproduce the paper, about a minute"
+	@echo "make run     reproduce the paper, half a minute"
 	@echo "make test    run the tests except the slow ones; the first run compiles what later ones find in build/xla"
 	@echo "make test-times  the same, and list the 20 slowest"
 	@echo "make test-all  run all tests, including whole commands, clusters and emulated rigs"
