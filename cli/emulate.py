@@ -1,14 +1,13 @@
 """`solidtouch emulate`: an emulated rig on pseudo-terminals, for any program that opens serial ports."""
 
 import json
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
 from ..models.errors import InputError
-from .shared.interrupt import loading, terminable
+from .shared.interrupt import ended_by_interrupt, loading, terminable
 
 if TYPE_CHECKING:
     from ..hardware.emulator.faults import Switches
@@ -89,7 +88,7 @@ def emulate(
             write_rig(path, rig, list(emulation.objects))
             print(f"Emulating {rig.name} in {out}; press Ctrl-C to stop.", flush=True)
             print(f"Try it from another terminal: solidtouch rig check {path}", flush=True)
-            with suppress(KeyboardInterrupt):
+            with ended_by_interrupt():
                 service.run()
 
 

@@ -3,14 +3,15 @@
 import os
 import signal
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+import weakref
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from types import FrameType
 
 INTERRUPTED = 130  # exit code, as in shells and Typer
 TERMINATED = 143
 MESSAGE = "solidtouch: interrupted; all files written are complete."
-_AGAIN_S = 0.01
+_AGAIN_S = 0.05
 
 
 @contextmanager
@@ -31,50 +32,76 @@ def _end(signum: int, frame: FrameType | None) -> None:  # noqa: ARG001 - the si
     os._exit(INTERRUPTED)
 
 
+class _Interrupted(KeyboardInterrupt):
+    """Ctrl-C, as an exception whose end can be seen."""
+
+
+class _Terminated(SystemExit):
+    """SIGTERM, as an exception whose end can be seen."""
+
+
 @contextmanager
 def terminable() -> Iterator[None]:
     """Makes SIGTERM unwind the program like Ctrl-C, so that rigs stop and files are closed; exit code 143."""
-    before = signal.signal(signal.SIGTERM, _terminate)
+    before = signal.signal(signal.SIGTERM, _stop)
     try:
         yield
     finally:
         signal.signal(signal.SIGTERM, before)
 
 
-def _terminate(signum: int, frame: FrameType | None) -> None:  # noqa: ARG001 - the signature of a signal handler
-    raise SystemExit(TERMINATED)
-
-
 @contextmanager
 def repeated() -> Iterator[None]:
-    """Repeats a Ctrl-C or SIGTERM that arrives inside a destructor or a callback, such as that of a weak reference.
+    """Repeats a Ctrl-C or SIGTERM whose exception is gone though the program runs on.
 
-    Python can only report exceptions there, and the program would run on.
+    Python can only report exceptions in destructors and in callbacks, such as that of a weak reference, and libraries
+    swallow some. While files are closed and rigs stop, the exception still exists.
     """
-    lost: list[int] = []
     report = sys.unraisablehook
 
     def hook(unraisable: "sys.UnraisableHookArgs") -> None:
-        number = _number(unraisable)
-        if number is None:
+        if not isinstance(unraisable.exc_value, _Interrupted | _Terminated):
             report(unraisable)
-        else:
-            lost[:] = [number]
-            signal.setitimer(signal.ITIMER_REAL, _AGAIN_S)  # raised here, it would be lost again
 
-    before = signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(lost[0]))
+    before = signal.signal(signal.SIGALRM, _again), signal.signal(signal.SIGINT, _stop)
     sys.unraisablehook = hook
     try:
         yield
     finally:
+        _forget()
         sys.unraisablehook = report
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, before)
+        signal.signal(signal.SIGINT, before[1])
+        signal.signal(signal.SIGALRM, before[0])
 
 
-def _number(unraisable: "sys.UnraisableHookArgs") -> int | None:
-    """Signal that an exception stands for; None for other exceptions."""
-    if issubclass(unraisable.exc_type, KeyboardInterrupt):
-        return signal.SIGINT
-    terminated = isinstance(unraisable.exc_value, SystemExit) and unraisable.exc_value.code == TERMINATED
-    return signal.SIGTERM if terminated else None
+@contextmanager
+def ended_by_interrupt() -> Iterator[None]:
+    """Ends the block at Ctrl-C; the program goes on behind it."""
+    with suppress(KeyboardInterrupt):
+        yield
+    _forget()
+
+
+_last: list[tuple[int, Callable[[], BaseException | None]]] = []
+
+
+def _stop(signum: int, frame: FrameType | None) -> None:  # noqa: ARG001 - the signature of a signal handler
+    error = _Interrupted() if signum == signal.SIGINT else _Terminated(TERMINATED)
+    _last[:] = [(signum, weakref.ref(error))]
+    if signal.getsignal(signal.SIGALRM) is _again:
+        signal.setitimer(signal.ITIMER_REAL, _AGAIN_S, _AGAIN_S)
+    try:
+        raise error
+    finally:
+        del error  # its traceback holds this frame
+
+
+def _again(signum: int, frame: FrameType | None) -> None:  # noqa: ARG001 - the signature of a signal handler
+    for number, error in tuple(_last):
+        if error() is None:
+            _stop(number, frame)
+
+
+def _forget() -> None:
+    _last.clear()
+    signal.setitimer(signal.ITIMER_REAL, 0)

@@ -5,10 +5,11 @@ import subprocess
 import sys
 import time
 import weakref
+from contextlib import suppress
 
 import pytest
 from solidtouch.cli import main
-from solidtouch.cli.shared.interrupt import repeated, terminable
+from solidtouch.cli.shared.interrupt import ended_by_interrupt, repeated, terminable
 
 
 class Thing:
@@ -33,6 +34,43 @@ def test_a_signal_in_a_callback_ends_the_program_all_the_same(number, error):
         delete_with_signal(number)
 
     assert before == (sys.unraisablehook, signal.getsignal(signal.SIGALRM))
+    assert signal.getitimer(signal.ITIMER_REAL)[0] == 0
+
+
+def swallow(number):
+    with suppress(BaseException):
+        signal.raise_signal(number)
+    time.sleep(5.0)
+
+
+@pytest.mark.parametrize(("number", "error"), [(signal.SIGINT, KeyboardInterrupt), (signal.SIGTERM, SystemExit)])
+def test_a_signal_that_a_library_swallows_ends_the_program_all_the_same(number, error):
+    with pytest.raises(error), terminable(), repeated():
+        swallow(number)
+
+
+def interrupt(done):
+    try:
+        signal.raise_signal(signal.SIGINT)
+    finally:
+        time.sleep(0.2)
+        done.append("stopped")
+
+
+def test_what_stops_after_an_interrupt_is_not_interrupted_again():
+    done = []
+    with pytest.raises(KeyboardInterrupt), repeated():
+        interrupt(done)
+
+    assert done == ["stopped"]
+
+
+def test_a_block_that_an_interrupt_ends_is_followed_by_the_rest():
+    with repeated():
+        with ended_by_interrupt():
+            signal.raise_signal(signal.SIGINT)
+        time.sleep(0.2)
+
     assert signal.getitimer(signal.ITIMER_REAL)[0] == 0
 
 
