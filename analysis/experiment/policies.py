@@ -1,6 +1,6 @@
 """Passive and active trials from the same starts with the same random numbers, on test taps and resamples of them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -19,15 +19,17 @@ from ...inference.trials.records import (
     plan_trials,
 )
 from ...inference.trials.resampling import RESAMPLE_TRIALS, Spread, spread
-from ...inference.trials.run import LoopPlayer, empty_trials, make_rule, run_trials
+from ...inference.trials.run import LoopPlayer, make_rule, play_plan
 from ...inference.trials.selections import resampled_pools, thinned_pools
 from ...models.grid import ClassGrid, TapPool
 from ...models.threads import cores, in_order
-from ..stats.metrics import Means, confusion, mean_outcomes, outcomes_dataset
+from ..stats.metrics import Means, OutcomeSums, confusion, join_sums, outcomes_dataset, sum_outcomes
 from .settings import ExperimentSettings
 
 type Play = Callable[[TrialPlan, bool, bool], Trials]
 """Plays a plan; the arguments behind it are whether the sensor moves and whether no tap is drawn twice."""
+
+_AT_ONCE = 1 << 14  # trials of a policy in memory
 
 
 class Outcomes[T](NamedTuple):
@@ -54,6 +56,9 @@ def combined[T, R](outcomes: Sequence[Outcomes[T]], join: Callable[[list[T]], R]
         return None if parts[0] is None else join(parts)
 
     return Outcomes(join([one.passive for one in outcomes]), part("active"), part("difference"), part("fixations"))
+
+
+type Sums = Outcomes[OutcomeSums]
 
 
 class PlayedPolicies(NamedTuple):
@@ -113,7 +118,14 @@ class Plans(NamedTuple):
 
 
 def make_plans(
-    pool: TapPool, trials: int, seed: int, fixation: int, acts: bool, first_stream: int = 0, fewest: int = 1
+    pool: TapPool,
+    trials: int,
+    seed: int,
+    fixation: int,
+    acts: bool,
+    first_stream: int = 0,
+    fewest: int = 1,
+    block: range | None = None,
 ) -> Plans:
     """The trials of both policies.
 
@@ -125,23 +137,31 @@ def make_plans(
         acts: Whether active trials are wanted.
         first_stream: Random stream of the first trial at position 0.
         fewest: Trials per position at the other fixation points, at least.
+        block: Which trials of each position; `None` for all. Trials do not depend on their block.
 
     Raises:
         InputError: There are no trials, or a stream is out of range.
     """
+    block = range(trials) if block is None else block
     positions = np.flatnonzero(pool.count.sum(axis=1))
     by_position = [
-        plan_trials(pool, trials, seed, fixation, where=int(l), first_stream=first_stream + int(l) * trials)
+        plan_trials(pool, len(block), seed, fixation, int(l), first_stream + int(l) * trials + block.start)
         for l in positions
     ]
     if not acts:
         return Plans(join_plans(by_position), None, np.empty(0, np.intp))
     each = min(trials, max(fewest, -(-trials // len(positions))))
     starts = join_plans(by_position)
-    compared = np.flatnonzero(np.arange(len(starts.where)) % trials < each)
+    compared = np.flatnonzero(np.arange(len(starts.where)) % len(block) < each - block.start)
     few = TrialPlan(*(column[compared] for column in starts))
     others = [few._replace(fixation=np.full_like(few.fixation, l)) for l in range(pool.count.shape[0]) if l != fixation]
     return Plans(starts, join_plans(others), compared)
+
+
+def _blocks(trials: int, size: int) -> Iterator[range]:
+    """Consecutive blocks of trials."""
+    for first in range(0, trials, size):
+        yield range(first, min(first + size, trials))
 
 
 def most_trials(grid: ClassGrid, settings: ExperimentSettings, acts: bool, resamples: int) -> int:
@@ -178,22 +198,23 @@ def play_policies(
     Raises:
         InputError: A setting is out of range.
     """
-    plans = make_plans(table.pool, settings.trials, settings.seed, fixation, acts)
-
-    def play(plan: TrialPlan, moves: bool, fresh: bool) -> Trials:
-        return run_trials(
-            table,
-            plan,
-            settings.fresh_thresholds if fresh else settings.thresholds,
-            play=settings.play.changed(passive=not moves),
-            seed=settings.seed,
-            fresh=fresh,
-            progress=progress,
-        )
-
-    stored, stored_trials = _outcomes(plans, play, grid, fresh=False)
-    fresh, fresh_trials = _outcomes(plans, play, grid, fresh=True)
-    resampled, selected = _on_resamples(table, grid, settings, fixation, acts, pools, progress)
+    players = _Players(table, settings)
+    play = players.on(table.pool, cores(None), progress)
+    sums: list[Sums] = []  # of trials on stored taps, on fresh ones, and of the latter at best and at worst
+    policies, starts = 1 + acts, 0
+    confusions = np.zeros((policies, grid.M, grid.M), np.int64)
+    used_up = np.zeros((policies, len(settings.fresh_thresholds)))
+    for block in _blocks(settings.trials, max(1, _AT_ONCE // grid.L)):
+        plans = make_plans(table.pool, settings.trials, settings.seed, fixation, acts, block=block)
+        stored, trials = _outcomes(plans, play, grid, fresh=False)
+        confusions += np.array([confusion(plans.starts.what, one.what[:, settings.shown], grid.M) for one in trials])
+        fresh, trials = _outcomes(plans, play, grid, fresh=True)
+        used_up += np.array([one.used_up.sum(axis=0) for one in trials])
+        starts += len(plans.starts.where)
+        new = [stored, fresh, *_endings(plans.starts, trials, grid, settings.play.deadline)]
+        sums = [combined(parts, join_sums) for parts in zip(sums, new, strict=True)] if sums else new
+    stored, fresh, *ends = (_means(one, grid) for one in sums)
+    resampled, selected = _on_resamples(players, grid, settings, fixation, acts, pools, progress)
 
     def datasets(
         outcomes: Outcomes[Means], ends: Sequence[Outcomes[Means]], of: int, thresholds: Sequence[float]
@@ -204,64 +225,90 @@ def play_policies(
             lambda means: outcomes_dataset(means[0], means[n:], grid, thresholds, settings.play.deadline, means[1:n]),
         )
 
-    used_up = _used_up(fresh_trials)
-    confusions = [confusion(plans.starts.what, trials.what[:, settings.shown], grid.M) for trials in stored_trials]
     return PlayedPolicies(
         datasets(stored, (), 0, settings.thresholds),
-        datasets(
-            fresh, _endings(plans.starts, fresh_trials, grid, settings.play.deadline), 1, settings.fresh_thresholds
-        ),
+        datasets(fresh, ends, 1, settings.fresh_thresholds),
         confusions[0],
         confusions[1] if acts else None,
-        used_up,
+        used_up / starts,
         selected,
         spread(table),
         spread(table, thinned=True),
     )
 
 
-def _used_up(policies: Sequence[Trials]) -> NDArray[np.float64]:
-    """The share of trials that all taps of a class end, of each policy, shape (policy, H)."""
-    return np.array([trials.used_up.mean(axis=0) for trials in policies])
+class _Players:
+    """Plays trials of both policies on stored and on fresh taps."""
+
+    def __init__(self, table: TapTable, settings: ExperimentSettings) -> None:
+        thresholds = settings.thresholds, settings.fresh_thresholds
+        rules = [make_rule(some, settings.play, settings.seed) for some in thresholds]
+        self._H = [len(some) for some in thresholds]
+        self._players = {
+            (moves, fresh): LoopPlayer(
+                table, rules[fresh]._replace(theta_x=settings.play.theta_x if moves else 1.0, fresh=fresh)
+            )
+            for moves in (False, True)
+            for fresh in (False, True)
+        }
+
+    def on(self, pool: TapPool, threads: int, progress: Callable[[int], None] | None) -> Play:
+        """Plays on a selection of the taps; `progress` is called with the number of further trials played."""
+
+        def play(plan: TrialPlan, moves: bool, fresh: bool) -> Trials:
+            player = self._players[moves, fresh].on(pool)
+            return play_plan(player, checked_plan(plan, pool), self._H[fresh], threads, progress)
+
+        return play
 
 
-def _endings(
-    starts: TrialPlan, policies: Sequence[Trials], grid: ClassGrid, deadline: int
-) -> tuple[Outcomes[Means], Outcomes[Means]]:
+def _endings(starts: TrialPlan, policies: Sequence[Trials], grid: ClassGrid, deadline: int) -> tuple[Sums, Sums]:
     """What came of passive, and active, trials on fresh taps with those that were cut short at their best and worst."""
     passive, *active = (endings(trials, starts, deadline, Farthest.on(grid)) for trials in policies)
-    mean = partial(mean_outcomes, plan=starts, place=starts.where, grid=grid)
+    summed = partial(sum_outcomes, plan=starts, place=starts.where, grid=grid)
 
-    def outcomes(end: int) -> Outcomes[Means]:
+    def outcomes(end: int) -> Sums:
         if not active:
-            return Outcomes(mean(passive[end]))
+            return Outcomes(summed(passive[end]))
         moved = active[0]
-        return Outcomes(mean(passive[end]), mean(moved[end]), mean(passive[end], minus=moved[1 - end]))
+        return Outcomes(summed(passive[end]), summed(moved[end]), summed(passive[end], minus=moved[1 - end]))
 
     return outcomes(0), outcomes(1)
 
 
-def _outcomes(plans: Plans, play: Play, grid: ClassGrid, *, fresh: bool) -> tuple[Outcomes[Means], list[Trials]]:
+def _outcomes(plans: Plans, play: Play, grid: ClassGrid, *, fresh: bool) -> tuple[Sums, list[Trials]]:
     """What came of the trials, and the trials that started everywhere, passive and active."""
     starts, others, compared = plans
     passive = play(starts, False, fresh)
-    by_start = partial(mean_outcomes, plan=starts, place=starts.where, grid=grid)
+    by_start = partial(sum_outcomes, plan=starts, place=starts.where, grid=grid)
     if others is None:
         return Outcomes(by_start(passive)), [passive]
+    active = play(starts, True, fresh)
+    outcomes = Outcomes(by_start(passive), by_start(active), by_start(passive, minus=active))
     if fresh:
-        active = play(starts, True, True)
-        return Outcomes(by_start(passive), by_start(active), by_start(passive, minus=active)), [passive, active]
-    plan = join_plans([starts, others])
-    trials = play(plan, True, False)
-    active = Trials._make(column[: len(starts.where)] for column in trials)
-    rows = np.concatenate([compared, np.arange(len(starts.where), len(plan.where))])
-    paired = TrialPlan(*(column[rows] for column in plan))
-    fixations = mean_outcomes(Trials._make(column[rows] for column in trials), paired, paired.fixation, grid)
-    return Outcomes(by_start(passive), by_start(active), by_start(passive, minus=active), fixations), [passive, active]
+        return outcomes, [passive, active]
+
+    def by_fixation(trials: Trials, plan: TrialPlan) -> OutcomeSums:
+        return sum_outcomes(trials, plan, plan.fixation, grid)
+
+    fixations = by_fixation(_rows(active, compared), _rows(starts, compared))
+    for block in _blocks(len(others.where), _AT_ONCE):
+        plan = _rows(others, slice(block.start, block.stop))
+        fixations = join_sums([fixations, by_fixation(play(plan, True, False), plan)])
+    return outcomes._replace(fixations=fixations), [passive, active]
+
+
+def _means(sums: Sums, grid: ClassGrid) -> Outcomes[Means]:
+    return combined([sums], lambda parts: parts[0].means(grid.L))
+
+
+def _rows[R: (TrialPlan, Trials)](record: R, rows: NDArray[np.intp] | slice) -> R:
+    """Some trials of a record."""
+    return record._replace(**{name: column[rows] for name, column in record._asdict().items()})
 
 
 def _on_resamples(
-    table: TapTable,
+    players: _Players,
     grid: ClassGrid,
     settings: ExperimentSettings,
     fixation: int,
@@ -270,38 +317,21 @@ def _on_resamples(
     progress: Callable[[int], None] | None,
 ) -> tuple[list[tuple[Outcomes[Means], Outcomes[Means]]], NDArray[np.float64]]:
     """Outcomes on stored and on fresh taps of each selection, and the share that used up the latter."""
-    thresholds = settings.thresholds, settings.fresh_thresholds
-    rules = [make_rule(some, settings.play, settings.seed) for some in thresholds]
-    players = {
-        (moves, fresh): LoopPlayer(
-            table, rules[fresh]._replace(theta_x=settings.play.theta_x if moves else 1.0, fresh=fresh)
-        )
-        for moves in (False, True)
-        for fresh in (False, True)
-    }
     trials = _per_position(grid.L, settings)
 
     def one(
         number: int, pair: tuple[TapPool, TapPool]
     ) -> tuple[tuple[Outcomes[Means], Outcomes[Means]], NDArray[np.float64], int]:
-        counted = 0
+        counted: list[int] = []
 
-        def play(plan: TrialPlan, moves: bool, fresh: bool) -> Trials:
-            nonlocal counted
-            n = len(plan.where)
-            played = empty_trials(n, len(thresholds[fresh]))
-            pool = pair[fresh]
-            players[moves, fresh].on(pool)(checked_plan(plan, pool), 0, n, played)
-            counted += n
-            return played
-
-        def outcomes(fresh: bool) -> tuple[Outcomes[Means], list[Trials]]:
+        def outcomes(fresh: bool) -> tuple[Sums, list[Trials]]:
             first = grid.L * (settings.trials + number * trials)
             plans = make_plans(pair[fresh], trials, settings.seed, fixation, acts, first, fewest=2)
-            return _outcomes(plans, play, grid, fresh=fresh)
+            return _outcomes(plans, players.on(pair[fresh], 1, counted.append), grid, fresh=fresh)
 
         (stored, _), (fresh, trials_of) = outcomes(False), outcomes(True)
-        return (stored, fresh), _used_up(trials_of), counted
+        means = _means(stored, grid), _means(fresh, grid)
+        return means, np.array([one.used_up.mean(axis=0) for one in trials_of]), sum(counted)
 
     kept, used_up = [], []
     tasks = (partial(one, i, pair) for i, pair in enumerate(zip(*pools, strict=True)))

@@ -6,7 +6,7 @@ place where the sensor stood when it decided, in the unit of the positions.
 """
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import xarray as xr
@@ -37,10 +37,66 @@ class Means(NamedTuple):
     noise: dict[str, NDArray[np.float64]]
 
 
-def mean_outcomes(
+class OutcomeSums(NamedTuple):
+    """Sums of outcomes over trials of the same place and start, of which those of blocks of trials can be joined.
+
+    Starts are planned in equal numbers, so only what varies between trials of one start is noise.
+
+    Attributes:
+        stratum: place L + start, shape (S,).
+        trials: Number of trials, shape (S,).
+        total: Sums by the name of the quantity, shape (S, H).
+        square: Sums of squared deviations from the mean of the stratum, of `QUANTITIES`, likewise.
+    """
+
+    stratum: NDArray[np.intp]
+    trials: NDArray[np.float64]
+    total: dict[str, NDArray[np.float64]]
+    square: dict[str, NDArray[np.float64]]
+
+    def joined(self) -> Self:
+        """One row for each stratum, in increasing order."""
+        stratum, key = np.unique(self.stratum, return_inverse=True)
+        of = _sums(key, len(stratum))
+        count = of @ self.trials
+        total = {name: of @ value for name, value in self.total.items()}
+        square = {}
+        for name, within in self.square.items():
+            mean = total[name] / count[:, np.newaxis]
+            own = self.trials[:, np.newaxis]
+            square[name] = of @ (within + own * (self.total[name] / own - mean[key]) ** 2)
+        return self._replace(stratum=stratum, trials=count, total=total, square=square)
+
+    def means(self, L: int) -> Means:
+        """Means of joined sums at each of L places."""
+        places = _sums(self.stratum // L, L)
+        trials = places @ self.trials
+        count = self.trials[:, np.newaxis]
+        with np.errstate(invalid="ignore"):
+            mean = {name: (places @ total) / trials[:, np.newaxis] for name, total in self.total.items()}
+        noise = {
+            name: (places @ (square / np.maximum(count - 1, 1) * count)) / np.maximum(trials, 1)[:, np.newaxis] ** 2
+            for name, square in self.square.items()
+        }
+        return Means(trials, mean, noise)
+
+
+def join_sums(parts: Sequence[OutcomeSums]) -> OutcomeSums:
+    """Sums over several blocks of trials."""
+    if len(parts) == 1:
+        return parts[0]
+    total, square = (
+        {name: np.concatenate([getattr(part, of)[name] for part in parts]) for name in getattr(parts[0], of)}
+        for of in ("total", "square")
+    )
+    stratum, count = (np.concatenate([getattr(part, of) for part in parts]) for of in ("stratum", "trials"))
+    return OutcomeSums(stratum, count, total, square).joined()
+
+
+def sum_outcomes(
     trials: Trials, plan: TrialPlan, place: ArrayLike, grid: ClassGrid, minus: Trials | None = None
-) -> Means:
-    """Mean outcome at each place and threshold.
+) -> OutcomeSums:
+    """Sums of outcomes at each place, start and threshold.
 
     Args:
         trials: n decided trials at H thresholds.
@@ -54,22 +110,8 @@ def mean_outcomes(
     if minus is not None:
         subtracted = _values(minus, plan, grid)
         values = {name: value - subtracted[name] for name, value in values.items()}
-    # Starts are planned in equal numbers, so only what varies between trials of one start is noise.
-    stratum, key = np.unique(place * grid.L + plan.where, return_inverse=True)
-    of = _sums(key, len(stratum))
-    count = np.bincount(key).astype(np.float64)
-    places = _sums(stratum // grid.L, grid.L)
-    total = places @ count
-    mean, noise = {}, {}
-    with np.errstate(invalid="ignore"):
-        for name, value in values.items():
-            sums = of @ value
-            mean[name] = (places @ sums) / total[:, np.newaxis]
-            if name in QUANTITIES:
-                own = (value - (sums / count[:, np.newaxis])[key]) ** 2
-                variance = (of @ own) / np.maximum(count - 1, 1)[:, np.newaxis]
-                noise[name] = (places @ (variance * count[:, np.newaxis])) / np.maximum(total, 1)[:, np.newaxis] ** 2
-    return Means(total, mean, noise)
+    nothing = {name: np.zeros_like(values[name]) for name in QUANTITIES}
+    return OutcomeSums(place * grid.L + plan.where, np.ones(len(place)), values, nothing).joined()
 
 
 def outcomes_dataset(

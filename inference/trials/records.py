@@ -267,7 +267,7 @@ def plan_trials(
 @lru_cache(maxsize=512)
 def _start_words(seed: int, first_stream: int, trials: int) -> NDArray[np.uint64]:
     """Random words that select the start of trials; the same for resamples of every model and policy."""
-    word = seeds.words(seed, first_stream + np.arange(trials), seeds.STARTS, 0, 1)[:, 0]
+    word = seeds.words(seed, first_stream + np.arange(trials), seeds.STARTS, 0, 1)[:, 0].copy()
     word.flags.writeable = False
     return word
 

@@ -91,9 +91,15 @@ def run_trials(
     rule = make_rule(thresholds, play, seed)._replace(fresh=fresh)
     player = make_player(table, rule, device)
     plan = checked_plan(plan, table.pool)
+    return play_plan(player, plan, len(rule.thresholds), cores(workers) if device == "cpu" else 1, progress)
+
+
+def play_plan(
+    player: Player, plan: TrialPlan, H: int, threads: int, progress: Callable[[int], None] | None = None
+) -> Trials:
+    """Decisions of the trials of a checked plan at H thresholds, played by some threads."""
     n = len(plan.where)
-    trials = empty_trials(n, len(rule.thresholds))
-    threads = cores(workers) if device == "cpu" else 1
+    trials = empty_trials(n, H)
     step = player.at_once if threads == 1 else max(1, min(player.at_once, -(-n // (_PIECES * threads))))
     pieces = [(first, min(first + step, n)) for first in range(0, n, step)]
     tasks = (partial(player, plan, first, last, trials) for first, last in pieces)
@@ -124,6 +130,19 @@ def make_player(table: TapTable, rule: Rule, device: str = "cpu") -> Player:
         InputError: The device is unknown, the table holds a value that is no log-likelihood or its parts do not fit
             each other, or the border is `prior` and the model carries a state.
     """
+    check_device(device)
+    if device == "cpu":
+        return LoopPlayer(table, rule)
+    check_table(table, rule)
+    if rule.fresh:
+        raise InputError(f"Trials on fresh taps require device cpu, got {device!r}.")
+    from .gpu import ArrayPlayer  # noqa: PLC0415 - JAX takes half a second to import
+
+    return ArrayPlayer(table, rule, "cpu" if device == "xla-cpu" else device)
+
+
+def check_table(table: TapTable, rule: Rule) -> None:
+    """Refuses tables that no trial can be played on; errors as for `make_player`."""
     if not ((table.log_likelihood < np.inf).all() and (table.log_prior < np.inf).all()):
         raise InputError("The table of log-likelihoods or the prior contains NaN or +inf.")
     (L, M), hypotheses = table.pool.nearest.shape, table.log_prior.shape[-1]
@@ -134,14 +153,6 @@ def make_player(table: TapTable, rule: Rule, device: str = "cpu") -> Player:
         )
     check_saturation(table.saturation)
     refuse_border(rule.border, hypotheses, M)
-    check_device(device)
-    if device == "cpu":
-        return LoopPlayer(table, rule)
-    if rule.fresh:
-        raise InputError(f"Trials on fresh taps require device cpu, got {device!r}.")
-    from .gpu import ArrayPlayer  # noqa: PLC0415 - JAX takes half a second to import
-
-    return ArrayPlayer(table, rule, "cpu" if device == "xla-cpu" else device)
 
 
 def check_device(device: str) -> None:
@@ -166,6 +177,7 @@ class LoopPlayer:
     """
 
     def __init__(self, table: TapTable, rule: Rule) -> None:
+        check_table(table, rule)
         self._likelihoods = likelihoods(table.log_likelihood)
         self._pool, self._prior, self._rule = table.pool, scaled_belief(table.log_prior), rule
         self._classes, self._saturation = classes(table.trained), float(table.saturation)

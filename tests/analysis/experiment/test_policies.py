@@ -1,8 +1,11 @@
 """Passive and active trials of one plan: what they share, what their difference is, and when nothing can differ."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 import xarray as xr
+from solidtouch.analysis.experiment import policies
 from solidtouch.analysis.experiment.policies import make_plans, most_trials, play_policies, resamples_of
 from solidtouch.analysis.experiment.settings import ExperimentSettings
 from solidtouch.analysis.stats import metrics
@@ -95,6 +98,40 @@ def test_means_are_identical_where_every_decision_takes_one_tap(grid, holes):
         assert [float(difference[f"{name}{end}"][0]) for end in ("", "_low", "_high")] == [0.0, 0.0, 0.0]
         np.testing.assert_allclose(difference[name], passive[name] - active[name], atol=1e-12)
         assert float(passive[name][1]) != float(active[name][1])
+
+
+@pytest.mark.parametrize("holes", [(), HOLES], ids=["whole grid", "holes"])
+def test_trials_in_blocks_are_the_same_trials(grid, monkeypatch, holes):
+    """Blocks of three trials per position, the last one shorter, and fixation points in blocks of their own."""
+
+    def played():
+        return play_policies(table_of(holes=holes), grid, settings_of(trials=20), FIXATION, acts=True)
+
+    whole = played()
+    monkeypatch.setattr(policies, "_AT_ONCE", 3 * L)
+    blocks = played()
+
+    for draws in ("stored", "fresh"):
+        for one, other in zip(getattr(whole, draws), getattr(blocks, draws), strict=True):
+            if one is not None:
+                xr.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-12)
+    for name in ("passive_confusion", "active_confusion", "used_up"):
+        np.testing.assert_array_equal(getattr(whole, name), getattr(blocks, name))
+
+
+def test_memory_does_not_grow_with_trials(grid, monkeypatch):
+    monkeypatch.setattr(policies, "_AT_ONCE", 50 * L)
+    table = table_of()
+
+    def peak(trials):
+        tracemalloc.start()
+        play_policies(table, grid, settings_of(trials=trials), FIXATION, acts=True)
+        most = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return most
+
+    peak(50)  # compiles
+    assert peak(1000) < 1.6 * peak(200)
 
 
 def test_fixation_points_are_averages_over_starts(grid):

@@ -11,10 +11,10 @@ from solidtouch.analysis.stats.metrics import (
     confusion,
     interval_sentence,
     join,
-    mean_outcomes,
     outcomes_dataset,
     over_places,
     ranges,
+    sum_outcomes,
     with_noise,
 )
 from solidtouch.inference.trials.records import ENDINGS, TrialPlan, Trials
@@ -62,7 +62,7 @@ def trials():
 
 
 def dataset_of(trials, plan, grid):
-    return outcomes_dataset(mean_outcomes(trials, plan, PLACE, grid), (), grid, THETAS, DEADLINE)
+    return outcomes_dataset(sum_outcomes(trials, plan, PLACE, grid).means(grid.L), (), grid, THETAS, DEADLINE)
 
 
 @pytest.fixture
@@ -108,15 +108,15 @@ def test_noise_is_the_variance_of_a_mean_over_trials(dataset):
 def test_starts_in_equal_numbers_are_no_noise(trials, grid):
     """At one fixation point only what varies between trials of one start counts."""
     plan = TrialPlan(np.array([0, 0, 1, 1, 2]), WHAT, np.zeros(5, int), np.arange(5))
-    noise = mean_outcomes(trials, plan, plan.fixation, grid).noise["taps"]
+    noise = sum_outcomes(trials, plan, plan.fixation, grid).means(grid.L).noise["taps"]
 
     np.testing.assert_allclose(noise[0], [(2 * 0.5 + 2 * 0.5) / 25, (2 * 2.0 + 2 * 40.5) / 25], rtol=1e-14)
 
 
 def test_differences_pair_trial_by_trial(trials, plan, grid):
     """Trials that all take two taps more differ by 2 without noise, the same trials by nothing at all."""
-    more = mean_outcomes(trials._replace(taps=trials.taps + 2), plan, PLACE, grid, minus=trials)
-    same = mean_outcomes(trials, plan, PLACE, grid, minus=trials)
+    more = sum_outcomes(trials._replace(taps=trials.taps + 2), plan, PLACE, grid, minus=trials).means(grid.L)
+    same = sum_outcomes(trials, plan, PLACE, grid, minus=trials).means(grid.L)
 
     np.testing.assert_array_equal(more.mean["taps"][[0, 2]], 2.0)
     np.testing.assert_array_equal(more.noise["taps"], 0.0)
@@ -135,7 +135,7 @@ def test_objects_without_sizes_give_the_share_of_wrong_answers(trials, plan, gri
 @pytest.fixture
 def resampled(trials, plan, grid):
     """A data set whose 5 resamples take -2, -1, 0, 1 and 2 taps more at place 0, without noise."""
-    means = mean_outcomes(trials, plan, PLACE, grid)
+    means = sum_outcomes(trials, plan, PLACE, grid).means(grid.L)
     quiet = means._replace(noise={name: 0 * noise for name, noise in means.noise.items()})
     steps = [np.array([[step], [np.nan], [0.0]]) for step in (-2, -1, 0, 1, 2)]
     drawn = [quiet._replace(mean=quiet.mean | {"taps": quiet.mean["taps"] + step}) for step in steps]
