@@ -84,23 +84,31 @@ def fit(taps: Taps) -> StudentPosterior:
     """Variational posterior of `story`."""
     import jax
     import jax.numpy as jnp
-    from numpyro.infer import SVI, Trace_ELBO
+    import numpyro
+    from numpyro.infer import SVI
     from numpyro.infer.autoguide import AutoNormal
     from numpyro.infer.initialization import init_to_value
     from numpyro.optim import Adam
 
-    data: Any = taps._replace(samples=jnp.asarray(taps.samples, dtype=jnp.float32))
-    told = data.under(story, least=taps.least)
+    from .fits.story_parts import EvidenceBound
+
+    # Taps are arguments of the programs, so these are the same for all taps of the same sizes and found on disk.
+    told, (where, what, samples) = taps.apart(story)
+    data = jnp.asarray(where), jnp.asarray(what), jnp.asarray(samples, dtype=jnp.float32)
+    given = data, {"least": jnp.asarray(taps.least)}
     guide = AutoNormal(told, init_loc_fn=init_to_value(values=jax.tree.map(jnp.asarray, _start(taps))))
     # In every run the rate falls to a fiftieth.
-    svi = SVI(told, guide, Adam(lambda step: _RATE * 0.02 ** ((step % _STEPS) / _STEPS)), Trace_ELBO())
+    svi = SVI(told, guide, Adam(lambda step: _RATE * 0.02 ** ((step % _STEPS) / _STEPS)), EvidenceBound())
     key, losses, change = jax.random.key(0), [], np.inf
     # Compiled as one program instead of one per operation. The guide keeps tracers, of which it reads only the shapes.
-    state: Any = jax.jit(lambda: svi.init(key))()
+    state: Any = jax.jit(lambda data, least: svi.init(key, *data, **least))(*given)
     # One program for every run: `svi.run` compiles at each call.
-    forward = jax.jit(lambda state: jax.lax.scan(lambda s, _: svi.update(s), state, length=_STEPS))
+    forward = jax.jit(
+        lambda state, data, least: jax.lax.scan(lambda s, _: svi.update(s, *data, **least), state, length=_STEPS)
+    )
     while change > _STILL and len(losses) < _RUNS:
-        state, loss = forward(state)
+        with numpyro.validation_enabled(False):  # which takes as long as the rest
+            state, loss = forward(state, *given)
         losses.append(np.asarray(loss, dtype=np.float64) / len(taps.where))
         change = float(abs(losses[-1][-_WINDOW:].mean() - losses[-1][-2 * _WINDOW : -_WINDOW].mean()))
     params = svi.get_params(state)

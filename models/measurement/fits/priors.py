@@ -1,6 +1,7 @@
 """Arguments of generative models: taps and priors."""
 
 from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,12 +31,17 @@ class Taps(NamedTuple):
 
     def under(self, story: Callable[..., None], **arguments: Any) -> Callable[[], None]:
         """Generative model in the contract of `generic.contract`, of these taps."""
+        told, data = self.apart(story, **arguments)
+        return lambda: told(*data)
+
+    def apart(self, story: Callable[..., None], **arguments: Any) -> tuple[Callable[..., None], tuple[Any, Any, Any]]:
+        """As `under`, but of any taps of these sizes that lack the same samples, and `where`, `what` and samples."""
         from .present import Present
 
         (L, M), (_, J, K) = self.shape, self.samples.shape
         samples, present = filled(self.samples)
         taken: Any = story if present is None else Present(story, "taps", present)
-        return lambda: taken(self.where, self.what, samples, L=L, M=M, J=J, K=K, **arguments)
+        return partial(taken, L=L, M=M, J=J, K=K, **arguments), (self.where, self.what, samples)
 
     def over_blocks[T](self, work: Callable[[NDArray[np.float64], slice], T]) -> Iterator[T]:
         """As `blocks.over_blocks`; an array is one block, so sums over it are rounded in one way."""

@@ -7,6 +7,9 @@ import jax
 import jax.numpy as jnp
 import numpyro
 import numpyro.distributions as dist
+from numpyro.handlers import replay, seed
+from numpyro.infer.elbo import ELBO
+from numpyro.infer.util import log_density
 
 from .priors import CellPrior
 
@@ -33,6 +36,17 @@ def chain(given: Callable[[Any], Any], taps: Any, shape: tuple[int, int, int], s
         noise = jax.random.normal(key, shape)
         taps = jax.lax.fori_loop(0, steps, lambda _, drawn: given(drawn).loc + given(drawn).scale * noise, 0.0 * noise)
     numpyro.sample("taps", given(taps), obs=taps)
+
+
+class EvidenceBound(ELBO):
+    """As NumPyro's `Trace_ELBO`, but its program is the same in every process; that follows the order of a set."""
+
+    def loss(self, rng_key: Any, param_map: Any, model: Any, guide: Any, *args: Any, **kwargs: Any) -> Any:
+        """The bound of one draw of the guide, negative."""
+        drawn = seed(guide, jax.random.split(rng_key)[1])
+        log_guide, found = log_density(drawn, args, kwargs, param_map)
+        log_joint, _ = log_density(replay(model, found), args, kwargs, param_map)
+        return log_guide - log_joint
 
 
 class Histogram(dist.Distribution):
