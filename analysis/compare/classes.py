@@ -5,6 +5,7 @@ differences pair; see `inference.trials.resampling` for what is drawn anew and h
 """
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +20,7 @@ from ...inference.trials.selections import thinned_pools
 from ...models import seeds
 from ...models.errors import InputError
 from ...models.grid import TapPool
+from ...models.threads import cores, in_order
 from ..stats.contacts import CONTACTS
 from ..stats.pairing import check_tables, reference_name, with_intervals
 from .scored import score
@@ -241,17 +243,16 @@ def _samples(table: TapTable, sequences: _Sequences, drawn: Sequence[_Sequences 
     if single:
         place[sequences.taps[:, 0]] = np.arange(len(sequences.taps))
     first = _summary(every, sequences)
-    layers: list[list[NDArray[np.float64]]] = [[], [], []]
-    for some in drawn:
+
+    def layers(some: _Sequences | None) -> list[NDArray[np.float64]]:
         if some is None:
-            parts = [_UNKNOWN] * 3
-        else:
-            scores = every.part(place[some.taps[:, 0]]) if single else _scores(table, some)
-            whole = _summary(scores, some)
-            parts = [whole, *(whole if single else _summary(*_every_second(scores, some, i)) for i in range(2))]
-        for layer, part in zip(layers, parts, strict=True):
-            layer.append(part)
-    return np.array([first, *layers[0], *layers[1], *layers[2]])
+            return [_UNKNOWN] * 3
+        scores = every.part(place[some.taps[:, 0]]) if single else _scores(table, some)
+        whole = _summary(scores, some)
+        return [whole, *(whole if single else _summary(*_every_second(scores, some, i)) for i in range(2))]
+
+    found = in_order((partial(layers, some) for some in drawn), cores(None))
+    return np.concatenate([first[np.newaxis], *np.array(list(found)).swapaxes(0, 1)])
 
 
 def _every_second(scores: _Scores, sequences: _Sequences, start: int) -> tuple[_Scores, _Sequences]:

@@ -24,7 +24,7 @@ def score(log_likelihood, log_prior, M, power, taps, where, what, values, top, h
         top: Receives the belief in the most probable object and position, shape (sequences, 2).
         hit: Receives whether these are right, shape (sequences, 2).
     """
-    L, log_joint = len(log_prior), np.empty(log_prior.shape)
+    L, log_joint, each = len(log_prior), np.empty(log_prior.shape), np.empty(log_prior.shape)
     belief, by_where, by_what = np.empty((L, M)), np.empty(L), np.empty(M)
     for i in range(len(taps)):
         l, m = where[i], what[i]
@@ -34,7 +34,7 @@ def score(log_likelihood, log_prior, M, power, taps, where, what, values, top, h
             values[i, 0], values[i, 1] = -np.inf, -np.inf
             values[i, 2], values[i, 3], values[i, 7], values[i, 8] = 1.0, 1.0, 1.0, 1.0
             continue
-        log_total = most + np.log(_share(log_joint, most, belief))
+        log_total = most + np.log(_share(log_joint, most, each, belief))
         by_where[:], by_what[:] = 0.0, 0.0
         for other in range(L):
             for n in range(M):
@@ -70,13 +70,20 @@ def _join(log_likelihood, log_prior, power, taps, log_joint):
 
 
 @compiled
-def _share(log_joint, most, belief):
-    """Writes the belief in position and object, shape (L, M), and returns the sum that it was divided by."""
-    (L, H), M, total = log_joint.shape, belief.shape[1], 0.0
+def _share(log_joint, most, each, belief):
+    """Writes the belief in position and object, shape (L, M), and returns the sum that it was divided by.
+
+    `each` receives that in every hypothesis, shape (L, S M), times this sum.
+    """
+    (L, M), total = belief.shape, 0.0
+    logs, flat = log_joint.reshape(log_joint.size), each.reshape(each.size)
+    for c in range(len(logs)):  # without states between, so that vector instructions are used
+        flat[c] = exponential(max(logs[c] - most, LEAST))
     belief[:] = 0.0
     for l in range(L):
-        for h in range(H):
-            belief[l, h % M] += exponential(max(log_joint[l, h] - most, LEAST))
+        for first in range(0, each.shape[1], M):
+            for m in range(M):
+                belief[l, m] += each[l, first + m]
         for m in range(M):
             total += belief[l, m]
     for l in range(L):

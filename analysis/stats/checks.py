@@ -6,7 +6,9 @@ lacks what the statistic measures shows it by replicates that all lie to one sid
 Analysis", 3rd ed., sec. 6.3). Samples are rounded to their bins on both sides, as the histogram has no finer values.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
+from itertools import product
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -21,9 +23,11 @@ from ...models.measurement.likelihood.bins import find_bins
 from ...models.measurement.likelihood.shapes import Parameters
 from ...models.measurement.model import Fitted, TapModel
 from ...models.taps import TapSet
+from ...models.threads import cores, in_order
 from .evidence import halves, rivals
 
 REPLICATES = 20
+_AT_ONCE = 1 << 24  # samples of which several replicates are held at a time
 _DEAD = 1e-9  # of the largest deviation: what is below is rounding
 _RANKED = 10  # times of a tap at which ranks are taken, at most
 _LEAST_FREEDOM = 3
@@ -291,15 +295,21 @@ def predictive_checks(
     labels = TapLabels.of(taps, first.grid)
     observed = observed_statistics(labels, first.edges)
     result = np.full((len(models), len(observed), replicates), np.nan)
-    for i, fitted in enumerate(models.values()):
-        if fitted.posterior is None:
-            continue
-        generator = seeds.generator(seed, seeds.Purpose.CHECKS, i)
-        for r in range(replicates):
-            made = replicate(fitted.posterior.draw(generator), fitted.model, labels, generator)
-            result[i, :, r] = [STATISTICS[name].of(made) for name in observed]
-            if progress is not None:
-                progress(1)
+    known = [i for i, fitted in enumerate(models.values()) if fitted.posterior is not None]
+
+    def tasks() -> Iterator[Callable[[], list[float]]]:
+        for i, fitted in enumerate(models.values()):
+            if fitted.posterior is not None:
+                generator = seeds.generator(seed, seeds.Purpose.CHECKS, i)
+                for _ in range(replicates):
+                    made = replicate(fitted.posterior.draw(generator), fitted.model, labels, generator)
+                    yield partial(_taken, observed, made)
+
+    at_once = max(1, min(cores(None), _AT_ONCE // max(taps.taps.size, 1)))
+    for place, found in zip(product(known, range(replicates)), in_order(tasks(), at_once), strict=True):
+        result[place[0], :, place[1]] = found
+        if progress is not None:
+            progress(1)
     values, chosen = np.array(list(observed.values())), [STATISTICS[name] for name in observed]
     above = (result >= values[:, None]).mean(axis=-1)
     return xr.Dataset(
@@ -312,6 +322,11 @@ def predictive_checks(
         },
         {"model": np.array(list(models), dtype=np.str_), "statistic": np.array(list(observed), dtype=np.str_)},
     )
+
+
+def _taken(names: Iterable[str], of: BinnedTaps) -> list[float]:
+    """Statistics of taps, drawn in one thread while those before are looked at in others."""
+    return [STATISTICS[name].of(of) for name in names]
 
 
 def observed_statistics(labels: TapLabels, edges: NDArray[np.float64]) -> dict[str, float]:
