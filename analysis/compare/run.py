@@ -27,10 +27,6 @@ from .groups import UNITS, GroupFold, folds_of, known_taps, said, score_kinds, s
 from .taps import TapScores, join_scores, leave_one_tap_out, mean_scores, relative_elpd, stacked
 
 _FEWEST_DRAWS = 100
-_NEW_SESSIONS = (
-    "{name} has no value for single taps left out and no predictive checks, because it judges training taps as taps of "
-    "new sessions."
-)
 
 
 @dataclass(frozen=True)
@@ -112,17 +108,15 @@ def compare_models(
     fit = settings.fit.changed(edges=edges, bins=edges.shape[-1] - 1)
     fits, learned, refused, seconds = _fit_all(settings.models, train, grid, fit, clock)
     shared = _shared(fits, test)
-    own = {name: fitted for name, fitted in fits.items() if not fitted.model.judges_in_new_sessions}
-    left_out = _leave_out_taps(own, train, settings, clock)
+    left_out = _leave_out_taps(fits, train, settings, clock)
     groups, elpd, sentence, missing = _leave_out_groups(fits, train, test, grid, fit, settings, clock)
-    missing += [_NEW_SESSIONS.format(name=name) for name in fits.keys() - own.keys() if settings.draws]
     checks, incomplete = None, bool(np.isnan(train.taps).any())
     if settings.draws and incomplete:
         missing.append("Predictive checks are left out, because training taps have missing samples.")
-    if settings.draws and own and not incomplete:
-        known = known_taps(train, grid, np.all([f.model.trained for f in own.values()], axis=0))
-        with clock.stage("Predictive checks", len(own) * REPLICATES) as advance:
-            checks = predictive_checks(own, known, settings.seed, progress=advance)
+    if settings.draws and not incomplete:
+        known = known_taps(train, grid, np.all([f.model.trained for f in fits.values()], axis=0))
+        with clock.stage("Predictive checks", len(fits) * REPLICATES) as advance:
+            checks = predictive_checks(fits, known, settings.seed, progress=advance)
     with clock.stage("Scoring beliefs", len(fits)) as advance:
         tables = _tables(fits, shared, advance)
         classes = class_scores(tables, settings.seed)

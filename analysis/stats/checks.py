@@ -343,8 +343,7 @@ def observed_statistics(labels: TapLabels, edges: NDArray[np.float64]) -> dict[s
 
 def replicate(parameters: Parameters, model: TapModel, labels: TapLabels, generator: np.random.Generator) -> BinnedTaps:
     """Taps of the same classes and, where the model knows places within a class, at the same places."""
-    own = labels.where, labels.what
-    return BinnedTaps.of(labels, replicated_bins(parameters, model, labels.taps, own, generator), model.edges)
+    return BinnedTaps.of(labels, replicated_bins(parameters, model, labels.taps, generator), model.edges)
 
 
 def _can(statistic: Statistic, labels: TapLabels) -> bool:

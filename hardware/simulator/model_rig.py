@@ -241,8 +241,8 @@ def draw_from_prior(
 
 
 def _state(model: TapModel, number: int) -> str:
-    """State of a session, as a phrase; empty for a model without states."""
-    if len(model.states.gain) == 1:
+    """State of a session, as a phrase; empty for a model without gains and offsets."""
+    if len(model.states.apart().gain) == 1:
         return ""
     return f", gain {model.states.gain[number]:.4g} and offset {model.states.offset[number]:.4g}"
 

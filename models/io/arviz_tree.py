@@ -137,8 +137,6 @@ def arviz_groups(
     known = tap_coords(model, used)
     groups = {name: _joined(each, chosen.shape) for name, each in parts.items()}
     groups["observed_data"] = xr.Dataset({TAPS: (predicted.dims, predicted.observed)})
-    if model.judges_in_new_sessions:
-        del groups["log_likelihood"]
     for name in groups.keys() & {"log_likelihood", "posterior_predictive", "observed_data"}:
         groups[name] = groups[name].assign_coords(known)
     for name in ("posterior_predictive", "observed_data"):
@@ -233,12 +231,12 @@ class _Predicted(NamedTuple):
         Raises:
             InputError: There is no such statistic, or it does not give one number per tap.
         """
-        own = taps.indices(model.grid)
+        own = model.training_hypotheses(taps)
         known = OwnTaps(taps.taps, own, model.edges, model.states)
         named: dict[Any, Any] = {
             "mean": lambda values: values.mean(axis=(1, 2)),
             "peak": lambda values: values.max(axis=(1, 2)),
-            "log_score": lambda v: OwnTaps(v, own, model.edges, model.states).log_probability(model.plain_form),
+            "log_score": lambda v: OwnTaps(v, own, model.edges, model.states).log_probability(model.training_form()),
             "samples": lambda values: values,
         }
         of: Any = named.get(statistic, statistic)
@@ -254,8 +252,8 @@ class _Predicted(NamedTuple):
     def of_draw(self, seed: int, number: int, parameters: Parameters) -> _Drawn:
         """Log-likelihood of the known taps, and the statistic of taps drawn at these parameters."""
         chance = generator(seed, Purpose.PREDICTED, number)
-        bins = replicated_bins(parameters, self.model, self.taps, self.taps.indices(self.model.grid), chance)
-        log_likelihood = self.own.log_probability(self.model.form_of(parameters))
+        bins = replicated_bins(parameters, self.model, self.taps, chance)
+        log_likelihood = self.own.log_probability(self.model.training_form(parameters))
         predicted = _numbers(self.statistic(_centres(self.model, bins)), "tap drawn like tap")
         return _Drawn(parameters, log_likelihood.astype(np.float32), predicted)
 

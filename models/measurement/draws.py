@@ -133,11 +133,11 @@ def drawn(
     model, posterior = fitted.model, fitted.posterior
     if posterior is None:
         raise ValueError(f"{model.name} has no posterior to draw from.")
-    own = OwnTaps(taps.taps, taps.indices(model.grid), model.edges, model.states)
+    own = OwnTaps(taps.taps, model.training_hypotheses(taps), model.edges, model.states)
 
     def draw(number: int) -> tuple[Parameters, NDArray[np.float64]]:
         parameters = posterior.draw(generator(seed, Purpose.PARAMETERS, number)) if at is None else at(number)
-        return parameters, own.log_probability(model.form_of(parameters))
+        return parameters, own.log_probability(model.training_form(parameters))
 
     with one_blas_thread():
         yield from in_order((partial(draw, number) for number in range(draws)), threads_of(model))
@@ -174,21 +174,24 @@ def integrated(
     if posterior is None:
         raise ValueError(f"{model.name} has no posterior to integrate over.")
     parts = []
-    for gain, offset, log_prior in zip(*model.states, strict=True):
+    for gain, offset, log_prior in zip(*model.states.apart(), strict=True):
         parts.append(log_prior + model.integrated(posterior, taps, own, generator, gain, offset))
     return np.logaddexp.reduce(parts, axis=0)
 
 
 def replicated_bins(
-    parameters: Parameters, model: TapModel, taps: TapSet, own: Own, generator: np.random.Generator
+    parameters: Parameters, model: TapModel, taps: TapSet, generator: np.random.Generator
 ) -> NDArray[np.integer]:
-    """Bins of taps drawn at known parameters, of the classes of given taps, shape (N, J, K).
+    """Bins of taps drawn at known parameters, of the classes of given training taps, shape (N, J, K).
 
-    All taps of a session are in one state and, where the model knows places within a class, at the places given.
+    All taps of a session are in one state, or in that session where the model has latent variables of sessions, and,
+    where the model knows places within a class, at the places given.
     """
-    form = in_states(model.form_of(parameters), model.states, model.edges)
-    state = _states_of_sessions(model.states.log_prior, taps.session, generator)
-    where, hypothesis = own[0], state * model.grid.M + own[1]
+    plain, states = model.training_form(parameters), model.states.apart()
+    form = in_states(plain, states, model.edges)
+    state = _states_of_sessions(states.log_prior, taps.session, generator)
+    where, own = model.training_hypotheses(taps)
+    hypothesis = state * plain.shape[1] + own
     J = taps.taps.shape[1]
     if isinstance(form, TableForm):
         return form.sample_bins(where, hypothesis, J, generator)

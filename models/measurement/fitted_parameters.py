@@ -86,7 +86,7 @@ class ModelOfParameters(TapModel):
     def by_story(self, parameters: Parameters) -> "list[GenericForm]":
         """Likelihood forms that run the generative model at these parameters; they count equally."""
 
-    @property
+    @cached_property
     def decides_at(self) -> Sequence[Parameters]:
         """Parameters with which it decides, integrated over if there are several."""
         return self.draws or (self.parameters,)

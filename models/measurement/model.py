@@ -6,7 +6,7 @@ engines, trials, sweeps and comparisons, knows models by this file only.
 
 import json
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -24,7 +24,7 @@ from ..settings import Missing, check_missing, check_saturation, likelihood_expo
 from ..storage import write_groups
 from ..training import training_taps
 from .likelihood.bins import NOT_FINITE, find_bins
-from .likelihood.mixture import MixtureForm
+from .likelihood.mixture import mean_form
 from .missing import dependent
 from .states import ONE_STATE, States
 
@@ -121,14 +121,6 @@ class TapModel(ABC):
         return False
 
     @property
-    def judges_in_new_sessions(self) -> bool:
-        """Whether a tap is judged as one of a session that no training tap belongs to, so training taps are, too.
-
-        Log probabilities of training taps are not those under its posterior then.
-        """
-        return False
-
-    @property
     def name(self) -> str:
         """Name in the registry; `session:` and the kind with several states."""
         return self.kind if len(self.states.gain) == 1 else f"session:{self.kind}"
@@ -195,10 +187,27 @@ class TapModel(ABC):
     @cached_property
     def form(self) -> "Form":
         """Likelihood form over positions and hypotheses, at power 1, integrated over the draws if there are any."""
-        if self.draws:
-            parts = tuple(self.form_of(parameters) for parameters in self.draws)
-            return in_states(MixtureForm(parts), self.states, self.edges)
-        return in_states(self.plain_form, self.states, self.edges)
+        return self.over_states([self.form_of(parameters) for parameters in self.draws] or [self.plain_form])
+
+    def over_states(self, parts: Sequence["Form"]) -> "Form":
+        """Form over positions and hypotheses from forms over classes that count equally."""
+        return in_states(mean_form(parts), self.states, self.edges)
+
+    def training_form(self, parameters: "Parameters | None" = None) -> "Form":
+        """Form under which training taps are judged, each under its hypothesis of `training_hypotheses`.
+
+        Args:
+            parameters: A draw of its parameters; default those that decide.
+        """
+        return self.plain_form if parameters is None else self.form_of(parameters)
+
+    def training_hypotheses(self, taps: "TapSet") -> "Own":
+        """Position and hypothesis of each training tap, both of shape (N,).
+
+        Raises:
+            InputError: The model tells sessions apart, and a tap is of a session that did not train it.
+        """
+        return taps.indices(self.grid)
 
     @cached_property
     def prepared(self) -> "Prepared":

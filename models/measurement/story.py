@@ -41,7 +41,8 @@ from .model import BINS, Fitted, Row
 from .scaling import Moments, Scaling, least_deviation
 
 if TYPE_CHECKING:
-    from .generic.form import GenericForm, Program
+    from .generic.form import GenericForm
+    from .generic.runs import Program
 
 _NO_BASIS = np.zeros((0, 0, 0))
 
@@ -253,13 +254,14 @@ class ParametricModel(ModelOfParameters):
 
     def by_story(self, parameters: Parameters) -> list["GenericForm"]:
         """Forms that run the story, one for each of the places in a class."""
-        from .generic.form import GenericForm, Given
+        from .generic.form import GenericForm
+        from .generic.runs import Given
 
         program = _program(self.story, (*self.grid.shape, *self.tap_shape))
         sites = dict(parameters if self.story.sites is None else self.story.sites(parameters))
         least = least_deviation(self.edges, self.K) / self.scaling.unit
         each: list[dict[str, Any]] = [{"basis": functions} for functions in self.basis] or [{}]
-        return [GenericForm(program, Given(sites, arguments, least), self.scaling) for arguments in each]
+        return [GenericForm(program, (Given(sites, arguments, least),), self.scaling) for arguments in each]
 
     @cached_property
     def plain_form(self) -> Form:
@@ -295,7 +297,7 @@ class ParametricModel(ModelOfParameters):
 @lru_cache
 def _program(story: Story, shape: tuple[int, int, int, int]) -> "Program":
     """A story of taps of a shape, compiled once for all models that have it."""
-    from .generic.form import Program
+    from .generic.runs import Program
     from .generic.structure import Structure
 
     structure = Structure(dict(story.dims), False, BINS, story.exchangeable, story.independent, (), {})

@@ -82,7 +82,7 @@ def session_log_probability(fitted: Fitted, taps: TapSet, generator: np.random.G
         with jax.enable_x64(True):
             forms = [model.by_story(in_session(draw, vector))[0] for draw in draws]
         log_likelihood = log_mean([form.own(taps.taps, model.edges, *own) for form in forms]).sum()
-        parts.append(log_likelihood + log_prior(forms[0].given.latents) - proposal.logpdf(vector))
+        parts.append(log_likelihood + log_prior(forms[0].given[0].latents) - proposal.logpdf(vector))
     return float(logsumexp(parts) - np.log(_STATES))
 
 

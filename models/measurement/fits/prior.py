@@ -13,7 +13,7 @@ import numpy as np
 import numpyro
 from numpyro.handlers import seed, substitute, trace
 
-from ..generic.form import key_from
+from ..generic.runs import key_from
 from ..generic.structure import is_improper
 from ..likelihood.shapes import Parameters
 from .posterior import ByClass

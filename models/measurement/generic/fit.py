@@ -28,10 +28,10 @@ from ..fits.posterior import Convergence
 from ..fits.present import Present
 from ..likelihood.shapes import Parameters
 from .contract import StoryCall, StoryFunction
-from .form import key_from
 from .observed import Supported
 from .posteriors import ChainPosterior, GuidePosterior
 from .programs import OfOne, compiled_once
+from .runs import key_from
 from .structure import OBSERVED, Structure, told_in
 
 STARTS, TRIED, STEPS, RUNS = 3, 200, 800, 5

@@ -8,150 +8,32 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import chain
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-import numpyro
 from numpy.typing import NDArray
-from numpyro.handlers import block, seed, substitute, trace
-from numpyro.infer.util import log_density
 
 from ...errors import InputError
 from ...threads import cores, in_order
-from ..fits.present import peeled
 from ..likelihood.bins import NOT_FINITE
 from ..scaling import Scaling
-from .contract import StoryCall, StoryFunction
-from .observed import BINS, Binned, Censored, InBin
-from .structure import OBSERVED, Structure
+from .observed import Binned
+from .runs import (
+    Given,
+    Program,
+    bin_table,
+    drawn,
+    key_from,
+    log_probability,
+    refuse_wrong,
+    under_all,
+    under_own,
+    under_own_in_sessions,
+)
 
-_ROUNDING = 1e-6  # log probabilities of whole taps may be above 0 by this
 _AT_ONCE = 1 << 22  # samples under classes that one step holds
-
-
-@dataclass(frozen=True, eq=False)
-class Program:
-    """A generative model with what does not depend on its latent variables; one object, one compiled program.
-
-    Attributes:
-        story: The model.
-        structure: Its sites.
-        batch: Its arguments, with no tap.
-        sessions: Number of training sessions, which is the index of the session at perception.
-    """
-
-    story: StoryFunction
-    structure: Structure
-    batch: StoryCall
-    sessions: int = 0
-
-    def of(self, where: Any, what: Any, session: Any = None) -> StoryCall:
-        """Arguments for taps of these classes, by default at perception."""
-        session = np.full(np.shape(where), self.sessions) if session is None else session
-        return replace(self.batch, where=where, what=what, session=session)
-
-
-class Given(NamedTuple):
-    """What a generative model is run at.
-
-    Attributes:
-        latents: Its latent variables, by name.
-        arguments: Keyword arguments of its own.
-        least: Standard deviation below which none counts, broadcast over (K,).
-    """
-
-    latents: dict[str, Any]
-    arguments: dict[str, Any] = {}  # noqa: RUF012 - never written
-    least: Any = 0.0
-
-
-def _run(program: Program, given: Given, batch: StoryCall, taps: Any, key: Any = 0) -> Any:
-    """Handler of the model at given latent variables."""
-
-    def story() -> Any:
-        with numpyro.validation_enabled(False):  # of constants alone, each compiled for itself
-            return program.story(batch, taps, **given.arguments)
-
-    known: Any = given.latents
-    return seed(substitute(story, data=known), key)
-
-
-def _log_probability(program: Program, given: Given, taps: Binned, where: Any, what: Any) -> jax.Array:
-    """Log probability of the bins of one tap (J, K) of class (where, what)."""
-    one = Binned(*(part[None] for part in taps))
-    story = _run(program, given, program.of(where[None], what[None]), one.samples)
-    censored = Censored(story, OBSERVED, one.swapped() if program.structure.swapped else one, given.least)
-    if not program.structure.enumerated:
-        observed = block(censored, hide_fn=lambda site: site["name"] != OBSERVED)
-        return jnp.asarray(log_density(observed, (), {}, {})[0])
-    from numpyro.contrib.funsor import config_enumerate, enum
-    from numpyro.contrib.funsor import log_density as summed
-
-    kept = {OBSERVED, *program.structure.enumerated}
-    local = block(censored, hide_fn=lambda site: site["type"] == "sample" and site["name"] not in kept)
-    return jnp.asarray(summed(enum(config_enumerate(local), first_available_dim=-8), (), {}, {})[0])
-
-
-@partial(jax.jit, static_argnums=0)
-def _under_all(program: Program, given: Given, taps: Binned) -> jax.Array:
-    """Log probability of taps (n, J, K) under every class, shape (n, L M)."""
-    L, M, _, _ = program.batch.shape
-    where, what = jnp.divmod(jnp.arange(L * M), M)
-    each = jax.vmap(lambda one, l, m: _log_probability(program, given, one, l, m), (None, 0, 0))
-    return jax.vmap(lambda one: each(one, where, what))(taps)
-
-
-@partial(jax.jit, static_argnums=0)
-def _under_own(program: Program, given: Given, taps: Binned, where: jax.Array, what: jax.Array) -> jax.Array:
-    """Log probability of taps (n, J, K) under their own classes, shape (n,)."""
-    return jax.vmap(lambda one, l, m: _log_probability(program, given, one, l, m))(taps, where, what)
-
-
-@partial(jax.jit, static_argnums=0)
-def _bin_table(program: Program, given: Given, bins: Binned) -> jax.Array:
-    """Log probability of every bin (1, B, K) of exchangeable samples, shape (L M, B, K)."""
-    L, M, J, K = program.batch.shape
-    where, what = np.divmod(np.arange(L * M), M)
-    story = _run(program, given, program.of(where, what), jnp.zeros((L * M, J, K)))
-    site = trace(block(story, hide_fn=lambda site: site["name"] != OBSERVED)).get_trace()[OBSERVED]
-    log_prob = InBin(peeled(site["fn"]), bins, given.least).log_prob(bins.samples)
-    return jnp.broadcast_to(log_prob, (L * M, *bins.samples.shape[1:]))
-
-
-@partial(jax.jit, static_argnums=(0, 2))
-def drawn(program: Program, given: Given, J: int, where: Any, what: Any, key: Any) -> jax.Array:
-    """Samples (N, J, K) of taps of known class."""
-    L, M, _, K = program.batch.shape
-    batch = replace(program.of(where, what), shape=(L, M, J, K))
-    value = trace(_run(program, given, batch, None, key)).get_trace()[OBSERVED]["value"]
-    return jnp.swapaxes(value, 1, 2) if program.structure.swapped else value
-
-
-def refuse_wrong(program: Program, log_prob: NDArray[np.float64], where: Any, what: Any) -> None:
-    """Refuses log probabilities that are no numbers or, of bins, above 0.
-
-    Args:
-        program: The model.
-        log_prob: Of bins or taps.
-        where: Their positions, broadcast over them.
-        what: Their objects, likewise.
-
-    Raises:
-        InputError: There is such a number.
-    """
-    wrong = np.isnan(log_prob)
-    if program.structure.measure == BINS:
-        wrong |= log_prob > _ROUNDING
-    if wrong.any():
-        first = wrong.argmax()
-        l, m = (int(np.broadcast_to(index, wrong.shape).flat[first]) for index in (where, what))
-        told = "not a number" if np.isnan(log_prob.flat[first]) else "above 1"
-        raise InputError(
-            f"{program.story.name} gives position {l} and object {m} a probability of a bin that is {told}; check the "
-            f"parameters of its {program.structure.family}, and that its cdf rises from 0 to 1."
-        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,17 +42,25 @@ class GenericForm:
 
     Attributes:
         program: The model.
-        given: What it is run at.
+        given: What it is run at in each state, S of them.
         scaling: Units in which it describes samples.
         gain: Of each state, shape (S,).
         offset: Likewise.
+        session: Training session of each state, S of them; default all are at perception.
     """
 
     program: Program
-    given: Given
+    given: tuple[Given, ...]
     scaling: Scaling
     gain: NDArray[np.float64] = field(default_factory=lambda: np.ones(1))
     offset: NDArray[np.float64] = field(default_factory=lambda: np.zeros(1))
+    session: tuple[int, ...] | None = None
+
+    @classmethod
+    def in_sessions(cls, program: Program, given: Given, scaling: Scaling) -> "GenericForm":
+        """Form over the hypotheses of all training sessions, one after another."""
+        S = program.sessions
+        return cls(program, (given,) * S, scaling, np.ones(S), np.zeros(S), tuple(range(S)))
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -179,10 +69,11 @@ class GenericForm:
         return L, M * len(self.gain)
 
     @cached_property
-    def known(self) -> Given:
+    def known(self) -> tuple[Given, ...]:
         """What it is run at, on the device."""
         with jax.enable_x64(True):
-            return jax.tree.map(partial(jnp.asarray, dtype=jnp.float64), self.given)
+            each = {id(one): jax.tree.map(partial(jnp.asarray, dtype=jnp.float64), one) for one in self.given}
+        return tuple(each[id(one)] for one in self.given)
 
     exchangeable = False
     """Whether a tap may have any number of samples."""
@@ -198,24 +89,26 @@ class GenericForm:
 
     @staticmethod
     def joined(parts: Sequence["GenericForm"]) -> "GenericForm":
-        """Form over the hypotheses of the same model in several states, one after another."""
+        """Form over the hypotheses of the same model in several states at perception, one after another."""
         gain, offset = (
             np.concatenate(values) for values in zip(*((part.gain, part.offset) for part in parts), strict=True)
         )
-        return replace(parts[0], gain=gain, offset=offset)
+        return replace(parts[0], given=sum((part.given for part in parts), ()), gain=gain, offset=offset)
 
     def log_probability(self, tap: jax.Array, edges: jax.Array, where: Any, hypothesis: Any) -> jax.Array:
         """Log probability of the bins of one tap (J, K) under one hypothesis, in JAX."""
         state, what = jnp.divmod(hypothesis, self.program.batch.shape[1])
-        return _log_probability(
-            self.program, self.given, _first(self._scaled(Binned.of(tap[None], edges), state)), where, what
-        )
+        seen = _first(self._scaled(Binned.of(tap[None], edges), state))
+        given = self.given[0]
+        if len(self.given) > 1:
+            given = jax.tree.map(lambda *values: jnp.stack(values)[state], *self.given)
+        return log_probability(self.program, given, seen, where, what)
 
     def log_prob(self, taps: Any, edges: Any) -> jax.Array:
         """Log probability of the bins of taps (n, J, K) under every hypothesis, shape (n, L, H), in JAX."""
         L, M, _, _ = self.program.batch.shape
         seen = _on_device(taps, edges)
-        parts = [_under_all(self.program, self.known, self._scaled(seen, s)) for s in range(len(self.gain))]
+        parts = [under_all(self.program, given, self._scaled(seen, s)) for s, given in enumerate(self.known)]
         return jnp.concatenate([part.reshape(-1, L, M) for part in parts], axis=2)
 
     def prepare(self, impossible: NDArray[np.bool_]) -> "PreparedGeneric":
@@ -223,14 +116,19 @@ class GenericForm:
         return PreparedGeneric(self, impossible)
 
     def table(self, edges: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Log probability of every bin of exchangeable samples at rest, shape (L, M, K, B)."""
+        """Log probability of every bin of exchangeable samples at rest, shape (L, M, K, B).
+
+        With training sessions, shape (L, S M, K, B).
+        """
         L, M, _, K = self.program.batch.shape
+        session = (self.program.sessions,) if self.session is None else self.session
         edges = np.broadcast_to(edges, (K, edges.shape[-1]))
         centres = 0.5 * (edges[:, :-1] + edges[:, 1:])
         with jax.enable_x64(True):
             bins = _before(_on_device(centres.T[None], edges), 1.0, 0.0, *self.scaling)
-            table = np.asarray(_bin_table(self.program, self.known, bins))
-        return np.moveaxis(table.reshape(L, M, -1, K), 2, 3)
+            table = np.asarray(bin_table(self.program, self.known[0], bins, session))
+        by_class = table.reshape(len(session), L, M, -1, K).transpose(1, 0, 2, 4, 3)
+        return by_class.reshape(L, -1, *by_class.shape[3:])
 
     def own(
         self, taps: NDArray[np.floating], edges: NDArray[np.float64], where: NDArray[np.intp], what: NDArray[np.intp]
@@ -239,11 +137,14 @@ class GenericForm:
         _, M, J, K = self.program.batch.shape
         state, what = np.divmod(what, M)
         out, step = np.empty(len(taps)), max(1, _AT_ONCE // (J * K))
+        told = self.session is not None
         with jax.enable_x64(True):
-            for s in np.unique(state):
-                for rows in _blocks(np.flatnonzero(state == s), step):
+            for s in [0] if told else np.unique(state):
+                for rows in _blocks(np.flatnonzero((state == s) | told), step):
                     seen = self._scaled(_on_device(taps[rows], edges), s)
-                    out[rows] = _under_own(self.program, self.known, seen, where[rows], what[rows])
+                    given = self.program, self.known[s], seen, where[rows], what[rows]
+                    session = tuple(state[rows].tolist())
+                    out[rows] = under_own_in_sessions(*given, session) if told else under_own(*given)
         refuse_wrong(self.program, out, where, what)
         return out
 
@@ -257,9 +158,14 @@ class GenericForm:
     ) -> NDArray[np.float64]:
         """Taps under hypotheses (N,), shape (N, J, K)."""
         state, what = np.divmod(what, self.program.batch.shape[1])
+        session = None if self.session is None else tuple(state.tolist())
+        taps = np.empty((len(where), J, len(self.scaling.unit)))
         with jax.enable_x64(True):
-            key = key_from(generator)
-            taps = np.asarray(drawn(self.program, self.known, J, jnp.asarray(where), jnp.asarray(what), key))
+            for rows in _alike([id(self.known[s]) for s in state]):
+                filled = np.resize(rows, _power_of_two(len(rows), len(where)))  # few sizes, as each is compiled
+                classes = jnp.asarray(where[filled]), jnp.asarray(what[filled])
+                made = drawn(self.program, self.known[state[rows[0]]], J, *classes, key_from(generator), session)
+                taps[rows] = made[: len(rows)]
         taps = taps * self.scaling.unit + self.scaling.centre
         return taps * self.gain[state, None, None] + self.offset[state, None, None]
 
@@ -269,7 +175,7 @@ class GenericForm:
 
 
 jax.tree_util.register_dataclass(
-    GenericForm, data_fields=["given", "scaling", "gain", "offset"], meta_fields=["program"]
+    GenericForm, data_fields=["given", "scaling", "gain", "offset"], meta_fields=["program", "session"]
 )
 
 
@@ -307,9 +213,14 @@ def _first(taps: Binned) -> Binned:
     return Binned(*(part[0] for part in taps))
 
 
-def key_from(generator: np.random.Generator) -> jax.Array:
-    """Key of JAX from a random generator."""
-    return jax.random.key(int(generator.integers(2**31)))
+def _alike(keys: Sequence[int]) -> list[NDArray[np.intp]]:
+    """Indices of equal keys."""
+    number = np.unique(keys, return_inverse=True)[1]
+    return [np.flatnonzero(number == one) for one in range(number.max(initial=-1) + 1)]
+
+
+def _power_of_two(number: int, most: int) -> int:
+    return min(1 << (number - 1).bit_length(), most)
 
 
 def _blocks(rows: NDArray[np.intp], step: int) -> list[NDArray[np.intp]]:

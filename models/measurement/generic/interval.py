@@ -22,6 +22,7 @@ from numpyro.distributions import constraints
 from ..fits.present import peeled
 from .tails import Support, log_integral, log_sum_of_integers
 
+_FAR = 256
 _SMALL = 1e-9  # probability of a bin below which differences have too few digits
 _TINY, _TERMS = -100.0, 9  # log of a tail of Student's t, below which a series of so many terms has all digits
 _TRUNCATED: Any = (dist.LeftTruncatedDistribution, dist.RightTruncatedDistribution, dist.TwoSidedTruncatedDistribution)
@@ -34,11 +35,15 @@ CENSORED: Any = (dist.LeftCensoredDistribution, dist.RightCensoredDistribution)
 """Distributions of values of which some are known to lie beyond what was observed."""
 
 
-def has_cdf(base: Any) -> bool:
-    """Whether a distribution of single samples has a distribution function."""
+def has_probabilities(base: Any) -> bool:
+    """Whether a distribution of single samples gives intervals probabilities, by its distribution function or a sum."""
     while isinstance(base, CENSORED):
         base = peeled(base.base_dist)
-    if base.event_dim or type(base).cdf is dist.Distribution.cdf:
+    return not base.event_dim and (base.is_discrete or _has_cdf(base))
+
+
+def _has_cdf(base: Any) -> bool:
+    if type(base).cdf is dist.Distribution.cdf:
         return False
     try:
         jax.eval_shape(base.cdf, jnp.zeros(base.batch_shape))
@@ -51,7 +56,7 @@ def log_interval(base: Any, lower: jax.Array, upper: jax.Array, least: ArrayLike
     """Log probability of intervals, of counts that of the integers from the lower end on, below the upper one.
 
     Args:
-        base: Distribution of single samples that has a distribution function.
+        base: Distribution of single samples that `has_probabilities`.
         lower: Lower ends, may be -inf.
         upper: Upper ends, may be inf.
         least: No scale of a location-scale family counts for less.
@@ -73,7 +78,7 @@ def log_interval(base: Any, lower: jax.Array, upper: jax.Array, least: ArrayLike
         return within - log_interval(base.base_dist, jnp.asarray(low), jnp.asarray(high))
     if isinstance(base, _MIXTURES):
         return _mixed(base, log_interval, lower, upper)
-    return _log_difference(base, lower, upper)
+    return _log_difference(base, lower, upper) if _has_cdf(base) else _log_sum(base, lower, upper)
 
 
 def log_density(base: Any, value: jax.Array) -> jax.Array:
@@ -213,6 +218,21 @@ _SYMMETRIC: dict[type, Callable[[Any, jax.Array], jax.Array]] = {
     dist.Cauchy: _cauchy,
 }
 """Logs of standard distribution functions; location-scale families, symmetric about 0."""
+
+
+def _log_sum(base: Any, lower: jax.Array, upper: jax.Array) -> jax.Array:
+    """Log probability of the integers of intervals as the sum of theirs; open ends reach to 256 integers."""
+    first, last = jnp.ceil(lower), jnp.ceil(upper)
+    first = jnp.where(jnp.isneginf(first), last - _FAR, first)
+    last = jnp.where(jnp.isposinf(last), first + _FAR, last)
+    number = jnp.nan_to_num(last - first)
+    shape = jnp.broadcast_shapes(number.shape, base.batch_shape)
+
+    def add(step: jax.Array, total: jax.Array) -> jax.Array:
+        each = log_density(base, jnp.broadcast_to(first.astype(int) + step, shape))
+        return jnp.logaddexp(total, jnp.where(step < number, each, -jnp.inf))
+
+    return jax.lax.fori_loop(0, number.max().astype(int), add, jnp.full(shape, -jnp.inf))
 
 
 def _log_difference(base: Any, lower: jax.Array, upper: jax.Array) -> jax.Array:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from .contract import StoryCall
-from .form import Program
+from .runs import Program
 from .structure import shapes_of
 
 

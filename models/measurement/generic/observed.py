@@ -19,7 +19,7 @@ from numpyro.primitives import Messenger
 from ..fits.present import peeled, remade
 from ..likelihood.binned import bin_indices, bin_of
 from ..model import BINS
-from .interval import CENSORED, has_cdf, is_bounded, log_density, log_interval
+from .interval import CENSORED, has_probabilities, is_bounded, log_density, log_interval
 
 DENSITY = "density"
 """Measure of a distribution that gives no probabilities to bins, but a density; the other is `BINS`."""
@@ -66,13 +66,13 @@ def _bins_of(samples: jax.Array, edges: jax.Array) -> tuple[jax.Array, jax.Array
 def measure_of(distribution: Any) -> str:
     """Measure of a distribution."""
     base = peeled(distribution)
-    return BINS if isinstance(base, _GAUSSIAN) or has_cdf(base) else DENSITY
+    return BINS if isinstance(base, _GAUSSIAN) or has_probabilities(base) else DENSITY
 
 
 def elementwise(distribution: Any) -> bool:
-    """Whether samples are independent, each with a distribution function."""
+    """Whether samples are independent, each with a probability in its bin."""
     base = peeled(distribution)
-    return not base.event_dim and has_cdf(base)
+    return not base.event_dim and has_probabilities(base)
 
 
 def binned(distribution: Any, taps: Binned, least: ArrayLike = 0.0) -> dist.Distribution:
@@ -86,7 +86,7 @@ def binned(distribution: Any, taps: Binned, least: ArrayLike = 0.0) -> dist.Dist
     base = peeled(distribution)
     if isinstance(base, _GAUSSIAN):
         return remade(distribution, InBin(_given_those_before(base, taps.samples), taps, least))
-    if not has_cdf(base):
+    if not has_probabilities(base):
         return remade(distribution, _DensityOfBin(base, taps))
     while isinstance(base, CENSORED):  # the probability of all that a censored sample may be
         left = isinstance(base, dist.LeftCensoredDistribution)
@@ -104,16 +104,23 @@ class Censored(Messenger):
         site: Name of the observed site.
         taps: Samples and bins, in the order of its axes.
         least: No scale of a location-scale family counts for less.
+        counted: Mask of the taps that count, shape (N,); default all.
     """
 
-    def __init__(self, story: Callable[..., Any], site: str, taps: Binned, least: ArrayLike = 0.0) -> None:
-        self._site, self._taps, self._least = site, taps, least
+    def __init__(
+        self, story: Callable[..., Any], site: str, taps: Binned, least: ArrayLike = 0.0, counted: Any = None
+    ) -> None:
+        self._site, self._taps, self._least, self._counted = site, taps, least, counted
         super().__init__(story)
 
     def process_message(self, msg: dict[str, Any]) -> None:
         """Puts the distribution over bins in the place of that over samples."""
         if msg["type"] == "sample" and msg["name"] == self._site:
-            msg["fn"] = binned(msg["fn"], self._taps, self._least)
+            made = binned(msg["fn"], self._taps, self._least)
+            if self._counted is not None:
+                axes = self._taps.samples.ndim - made.event_dim - 1
+                made = made.mask(self._counted.reshape(-1, *[1] * axes))
+            msg["fn"] = made
 
 
 class InBin(dist.Distribution):
@@ -175,7 +182,7 @@ class _InSupport(dist.Distribution):
 
 
 class _DensityOfBin(dist.Distribution):
-    """Density at the samples times the widths of their bins, of integers times how many of them a bin holds."""
+    """Density at the samples times the widths of their bins, of vectors of integers times how many a bin holds."""
 
     support = dist.constraints.real  # pyright: ignore
 

@@ -48,8 +48,8 @@ def read_generic(
     except InputError as error:
         raise StoryError(f"this fit is of {name}. {error}") from error
     if known is not None and source.digest(known) == attributes["digest"]:
-        if "session" in known.wanted and "sessions" not in attributes:
-            raise StoryError(f"this fit of {name} does not say how many sessions trained it; fit again.")
+        if "session" in known.wanted and "training_sessions" not in attributes:
+            raise StoryError(f"this fit of {name} does not say which sessions trained it; fit again.")
         return GenericStory(known).read(attributes, data, parameters, common)
     if story is not None:
         raise StoryError(

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..fits.posterior import Convergence, SamplePosterior
 from ..likelihood.shapes import Parameters
-from .form import key_from
+from .runs import key_from
 
 
 class GuidePosterior(NamedTuple):

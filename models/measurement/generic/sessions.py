@@ -1,6 +1,7 @@
 """Latent variables of a session that no training tap belongs to."""
 
 from dataclasses import replace
+from math import prod
 from typing import Any, NamedTuple
 
 import jax
@@ -11,16 +12,21 @@ from numpy.typing import NDArray
 from numpyro.handlers import seed, trace
 from numpyro.primitives import Messenger
 
+from ...seeds import Purpose, generator
 from ..fits.posterior import Convergence, Posterior
+from ..fits.present import peeled
 from ..likelihood.shapes import Parameters
-from .form import Program, key_from
+from .runs import Program, key_from
 
 
 class _Known(Messenger):
-    """Handler that gives latent variables their values, and those of the last session what the prior draws."""
+    """Handler that gives latent variables their values, and those of the last session what the prior draws.
 
-    def __init__(self, story: Any, latents: Parameters, axes: dict[str, int]) -> None:
-        self._latents, self._axes = latents, axes
+    Their prior is drawn at given quantiles, by name, where it can be.
+    """
+
+    def __init__(self, story: Any, latents: Parameters, axes: dict[str, int], quantiles: Parameters) -> None:
+        self._latents, self._axes, self._quantiles = latents, axes, quantiles
         super().__init__(story)
 
     def process_message(self, msg: dict[str, Any]) -> None:
@@ -30,9 +36,20 @@ class _Known(Messenger):
         values = jnp.asarray(self._latents[name])
         if name in self._axes:
             axis = self._axes[name]
-            drawn = msg["fn"](rng_key=msg["kwargs"]["rng_key"], sample_shape=())
+            drawn = _at_quantile(msg["fn"], self._quantiles[name]) if name in self._quantiles else None
+            if drawn is None:
+                drawn = msg["fn"](rng_key=msg["kwargs"]["rng_key"], sample_shape=())
             values = jnp.concatenate([values, jax.lax.slice_in_dim(drawn, -1, None, axis=axis)], axis=axis)
         msg["value"] = values
+
+
+def _at_quantile(distribution: Any, quantile: NDArray[np.float64]) -> jax.Array | None:
+    """Values of independent variables at their quantiles, one for each; `None` where NumPyro has no quantiles."""
+    base = peeled(distribution)
+    try:
+        return jnp.broadcast_to(base.icdf(jnp.broadcast_to(quantile, distribution.shape())), distribution.shape())
+    except (NotImplementedError, ImportError):  # ImportError for those that need another package
+        return None
 
 
 class InNewSessions(NamedTuple):
@@ -69,8 +86,36 @@ class InNewSessions(NamedTuple):
         return with_new_session(self.program, self.inner.draw(generator), generator)
 
 
+def in_new_sessions(program: Program, latents: Parameters, number: int) -> list[dict[str, NDArray[np.float64]]]:
+    """Latent variables with one session more, so often that the draws stand for its prior given the others.
+
+    Draws are at the points of a scrambled Sobol sequence where NumPyro has quantiles of the prior, which fills it more
+    evenly than independent ones.
+
+    Args:
+        program: The model.
+        latents: Its latent variables, by name.
+        number: How often, a power of 2.
+    """
+    from scipy.stats import qmc
+
+    axes = program.structure.by_session
+    shapes = {name: list(np.shape(latents[name])) for name in axes}
+    for name, axis in axes.items():
+        shapes[name][axis] = 1
+    generators = [generator(0, Purpose.NEW_SESSION, each) for each in range(number)]
+    ends = np.cumsum([0, *map(prod, shapes.values())])
+    points = qmc.Sobol(int(ends[-1]), rng=generator(0, Purpose.NEW_SESSION, number)).random(number)
+    found = []
+    for own, point in zip(generators, points, strict=True):
+        parts = zip(shapes.items(), ends[:-1], ends[1:], strict=True)
+        quantiles = {name: point[start:end].reshape(shape) for (name, shape), start, end in parts}
+        found.append(with_new_session(program, latents, own, quantiles))
+    return found
+
+
 def with_new_session(
-    program: Program, latents: Parameters, generator: np.random.Generator
+    program: Program, latents: Parameters, generator: np.random.Generator, quantiles: Parameters | None = None
 ) -> dict[str, NDArray[np.float64]]:
     """Latent variables with one session more, drawn from its prior given the others.
 
@@ -78,6 +123,7 @@ def with_new_session(
         program: The model.
         latents: Its latent variables, by name.
         generator: Random generator of the draw.
+        quantiles: At which those of the new session are drawn instead, by name, with one session each.
     """
     axes = program.structure.by_session
     S = np.shape(latents[next(iter(axes))])[next(iter(axes.values()))]
@@ -85,5 +131,5 @@ def with_new_session(
     batch = replace(program.batch, where=zeros, what=zeros, session=np.arange(S + 1))
     with jax.enable_x64(True), numpyro.validation_enabled(False):
         story = seed(lambda: program.story(batch, jnp.zeros((S + 1, J, K))), key_from(generator))
-        sites = trace(_Known(story, latents, axes)).get_trace()
+        sites = trace(_Known(story, latents, axes, quantiles or {})).get_trace()
     return {name: np.asarray(sites[name]["value"], dtype=np.float64) for name in latents}

@@ -7,20 +7,21 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...progress import Progress, no_progress
-from ...seeds import Purpose, generator
 from ...settings import FitSettings
 from ..fits.priors import filled
 from ..fitted_parameters import ModelOfParameters, training
 from ..likelihood.any_form import Form
 from ..likelihood.bins import TableForm
-from ..likelihood.mixture import mean_form
+from ..likelihood.mixture import MixtureForm, mean_form
 from ..likelihood.shapes import Parameters
 from ..missing import refuse_missing
 from ..model import Fitted, Row
 from ..scaling import Scaling
+from ..states import States
 from . import source
 from .contract import StoryCall, StoryFunction
 
@@ -28,9 +29,17 @@ if TYPE_CHECKING:
     from ...grid import ClassGrid
     from ...taps import TapSet
     from ..fits.posterior import Posterior, Prior
-    from .form import GenericForm, Program
+    from ..likelihood.true_class import Own
+    from .form import GenericForm
+    from .runs import Program
 
-_SESSIONS = 32  # draws of a new session where the model decides at one value
+_SESSIONS = 64  # draws of a new session where the model decides at one value
+_CHECKED = 64  # taps by which these are judged
+_LARGE_ERROR = 1.0  # nats per tap
+_UNCERTAIN = (
+    f"The log probability of a tap in a new session comes from {_SESSIONS} draws of {{names}} and is off by about "
+    "{off:.1f} nats; the fewer latent variables a session has, the less."
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,8 +72,8 @@ class GenericStory:
                 out of range.
         """
         from .fit import Fit, check_prior, posterior
-        from .form import Program
         from .known import known_classes
+        from .runs import Program
         from .sessions import InNewSessions
         from .structure import check_names, structure_of
 
@@ -74,9 +83,8 @@ class GenericStory:
         K = known.samples.shape[2]
         scaling = Scaling(np.zeros(K), np.ones(K)) if self.function.raw else Scaling.of(known, kept["edges"])
         batch = batch_of(grid, taps.preprocessing, K)
-        session = np.unique(used.session, return_inverse=True)[1]
-        sessions = int(session.max()) + 1
-        structure = structure_of(self.function, batch, sessions)
+        numbers, session = np.unique(used.session, return_inverse=True)
+        structure = structure_of(self.function, batch, len(numbers))
         check_names(self.function, structure)
         full = replace(batch, where=known.where, what=known.what, session=session)
         if not structure.independent:
@@ -85,11 +93,12 @@ class GenericStory:
         fit = Fit(self.function, structure, full, samples, settings.seed, settings.steps, progress, present)
         warning = check_prior(fit)
         found: Posterior = posterior(fit, "svi" if settings.method == "closed" else settings.method)
-        program, parameters = Program(self.function, structure, batch, sessions), found.point()
+        program, parameters = Program(self.function, structure, batch, len(numbers)), found.point()
         kept["covered"] = known_classes(program, parameters, kept["covered"])
         model = GenericModel(
             story=self,
             program=program,
+            sessions=tuple(numbers.tolist()),
             scaling=scaling,
             parameters=parameters,
             left_out=grid.untouched(kept["covered"]),
@@ -99,22 +108,27 @@ class GenericStory:
             _ = model.plain_form  # refuses wrong probabilities before anything is decided by them
         if structure.by_session:
             found = InNewSessions(found, program)
+            some = np.linspace(0, len(used) - 1, min(_CHECKED, len(used))).astype(np.intp)
+            off = model.integration_error(known.samples[some], (known.where[some], known.what[some]))
+            if off > _LARGE_ERROR:
+                warning = f"{warning} {_UNCERTAIN.format(names=', '.join(structure.by_session), off=off)}".lstrip()
         return Fitted(model, found, found.convergence()._replace(warning=warning))
 
     def read(
         self, attributes: Mapping[str, Any], data: xr.Dataset, parameters: xr.Dataset, common: dict[str, Any]
     ) -> "GenericModel":
         """Model from the groups of a file, see `MeasurementModel.read`."""
-        from .form import Program
+        from .runs import Program
         from .structure import structure_of
 
         scaling = Scaling(data["centre"].values, data["unit"].values)
         batch = batch_of(common["grid"], common["preprocessing"], len(scaling.unit))
-        sessions = int(attributes.get("sessions", 1))
-        structure = structure_of(self.function, batch, sessions)
+        sessions = tuple(np.atleast_1d(attributes.get("training_sessions", 0)).tolist())
+        structure = structure_of(self.function, batch, len(sessions))
         return GenericModel(
             story=self,
-            program=Program(self.function, structure, batch, sessions),
+            program=Program(self.function, structure, batch, len(sessions)),
+            sessions=sessions,
             scaling=scaling,
             parameters={name: parameters[name].values for name in structure.dims},
             covered=data["covered"].values.astype(bool),
@@ -144,10 +158,23 @@ class GenericModel(ModelOfParameters):
     Attributes:
         story: The model as it was named.
         program: The same with its sites.
+        sessions: Numbers of the training sessions, in increasing order.
     """
 
     story: GenericStory
     program: "Program"
+    sessions: tuple[int, ...]
+
+    def __post_init__(self) -> None:
+        """Adds states, one for each draw of a new session."""
+        super().__post_init__()
+        if self.program.structure.by_session:
+            object.__setattr__(self, "states", States.alike(len(self.decides_at)))
+
+    @property
+    def name(self) -> str:
+        """Name of the function; `session:` and this with several gains or offsets."""
+        return self.kind if self.program.structure.by_session else super().name
 
     @property
     def kind(self) -> str:
@@ -165,11 +192,6 @@ class GenericModel(ModelOfParameters):
         return self.program.structure.measure
 
     @property
-    def judges_in_new_sessions(self) -> bool:
-        """Whether it has latent variables of sessions."""
-        return bool(self.program.structure.by_session)
-
-    @property
     def runs_story(self) -> bool:
         """Whether it has no table."""
         return not self.program.structure.exchangeable
@@ -179,35 +201,81 @@ class GenericModel(ModelOfParameters):
         """Likelihood form of the parameters; of a model with sessions, the mean over new ones."""
         return mean_form([self.form_of(parameters) for parameters in self._in_new_sessions()])
 
+    def over_states(self, parts: Sequence[Form]) -> Form:
+        """Form over positions and hypotheses; what is drawn with a new session is one state."""
+        if not self.program.structure.by_session:
+            return super().over_states(parts)
+        each: Any = [one for part in parts for one in (part.parts if isinstance(part, MixtureForm) else (part,))]
+        return each[0].joined(each)
+
+    def integration_error(self, taps: NDArray[np.float64], own: "Own") -> float:
+        """Mean error of the log probability of a tap in a new session, in nats, from two halves of its draws.
+
+        Args:
+            taps: Shape (N, J, K).
+            own: Their classes.
+        """
+        from ..likelihood.true_class import OwnTaps
+
+        known = OwnTaps(taps, own, self.edges, self.states)
+        each = np.stack([known.log_probability(self.form_of(parameters)) for parameters in self.decides_at])
+        halves = [np.logaddexp.reduce(half, axis=0) for half in np.split(each, 2)]
+        return 0.5 * float(np.abs(halves[0] - halves[1]).mean())
+
     def by_story(self, parameters: Parameters) -> list["GenericForm"]:
         """The form that runs the function for every tap."""
-        from .form import GenericForm, Given
+        from .form import GenericForm
+        from .runs import Given
 
-        return [GenericForm(self.program, Given(dict(parameters)), self.scaling)]
+        return [GenericForm(self.program, (Given(dict(parameters)),), self.scaling)]
 
-    @property
+    @cached_property
     def decides_at(self) -> Sequence[Parameters]:
         """The draws, or the parameters, with new sessions if the model has sessions."""
         return self.draws or self._in_new_sessions()
 
-    def _in_new_sessions(self) -> Sequence[Parameters]:
-        from .sessions import with_new_session
+    def training_form(self, parameters: Parameters | None = None) -> Form:
+        """Form over the hypotheses of all training sessions, if the function asks for the session."""
+        from .form import GenericForm
+        from .runs import Given
 
-        if not self.judges_in_new_sessions:
+        if "session" not in self.story.function.wanted:
+            return super().training_form(parameters)
+        latents = dict(self._in_new_sessions()[0] if parameters is None else parameters)
+        return self._checked(GenericForm.in_sessions(self.program, Given(latents), self.scaling))
+
+    def training_hypotheses(self, taps: "TapSet") -> "Own":
+        """As the base class; objects in the session of each tap."""
+        where, what = super().training_hypotheses(taps)
+        if "session" not in self.story.function.wanted:
+            return where, what
+        unknown = np.setdiff1d(taps.session, self.sessions)
+        if unknown.size:
+            raise InputError(f"No tap of session {unknown[0]} trained {self.name}, which tells sessions apart.")
+        return where, np.searchsorted(self.sessions, taps.session) * self.grid.M + what
+
+    def _in_new_sessions(self) -> Sequence[Parameters]:
+        from .sessions import in_new_sessions
+
+        if not self.program.structure.by_session:
             return [self.parameters]
-        generators = (generator(0, Purpose.NEW_SESSION, number) for number in range(_SESSIONS))
-        return [with_new_session(self.program, self.parameters, each) for each in generators]
+        return in_new_sessions(self.program, self.parameters, _SESSIONS)
 
     def form_of(self, parameters: Parameters) -> Form:
         """Likelihood form of other parameters; their last session is the one at perception."""
-        from .form import refuse_wrong
-
         (form,) = self.by_story(parameters)
+        return self._checked(form)
+
+    def _checked(self, form: "GenericForm") -> Form:
+        """The form, as a table where samples are exchangeable."""
+        from .runs import refuse_wrong
+
         if not self.program.structure.exchangeable:
             return form
-        table, (L, M) = form.table(self.edges), self.covered.shape
-        known = np.where(self.covered[:, :, None, None], table, 0.0)
-        refuse_wrong(self.program, known, np.arange(L)[:, None, None, None], np.arange(M)[:, None, None])
+        table = form.table(self.edges)
+        (L, H), M = table.shape[:2], self.grid.M
+        known = np.where(np.tile(self.covered, H // M)[:, :, None, None], table, 0.0)
+        refuse_wrong(self.program, known, np.arange(L)[:, None, None, None], (np.arange(H) % M)[:, None, None])
         return TableForm(table)
 
     def prior(self, posterior: Any) -> "Prior":  # noqa: ARG002 - as all models
@@ -223,7 +291,9 @@ class GenericModel(ModelOfParameters):
             table["table"] = (("where", "what", "taxel", "bin"), known)
         return groups | {
             "/": groups["/"].assign_attrs(
-                measure=self.measure, digest=source.digest(self.story.function), sessions=self.program.sessions
+                measure=self.measure,
+                digest=source.digest(self.story.function),
+                training_sessions=np.array(self.sessions),
             ),
             "constant_data": groups["constant_data"].assign(table),
         }
@@ -243,7 +313,8 @@ def at_prior(
     Raises:
         InputError: The function does not keep the contract or fails.
     """
-    from .form import GenericForm, Given, Program
+    from .form import GenericForm
+    from .runs import Given, Program
     from .sessions import with_new_session
     from .structure import structure_of
 
@@ -254,7 +325,7 @@ def at_prior(
         latents |= {name: np.delete(latents[name], -1, axis) for name, axis in axes.items()}
         for generator in own:
             latents = with_new_session(program, latents, generator)
-    return GenericForm(program, Given(latents), Scaling(np.zeros(K), np.ones(K)))
+    return GenericForm(program, (Given(latents),), Scaling(np.zeros(K), np.ones(K)))
 
 
 def _prior(program: "Program") -> "Prior":

@@ -18,9 +18,8 @@ from numpyro.infer.util import log_density
 
 from ..fitted_parameters import ModelOfParameters
 from ..histogram import HistogramModel
-from ..model import TapModel, in_states
+from ..model import TapModel
 from .any_form import Form
-from .mixture import mean_form
 
 _AT_ONCE = 1 << 22  # samples under classes that one step holds
 
@@ -43,8 +42,8 @@ def log_likelihoods(model: TapModel, taps: NDArray[np.floating]) -> NDArray[np.f
         raise TypeError(f"A model of type {type(model).__name__} has no generative model.")
     else:
         forms = [form for parameters in model.decides_at for form in model.by_story(parameters)]
-        if len(model.states.gain) == 1 or not forms[0].program.structure.exchangeable:
-            return _by_samples(model, in_states(mean_form(forms), model.states, model.edges), taps)
+        if len(model.states.apart().gain) == 1 or not forms[0].program.structure.exchangeable:
+            return _by_samples(model, model.over_states(forms), taps)
         tables = [form.table(model.edges) for form in forms]
     with jax.enable_x64(True):
         each = [_by_bins(model, table, taps) for table in tables]

@@ -26,7 +26,7 @@ class OwnTaps:
     """
 
     def __init__(self, taps: NDArray[np.floating], own: Own, edges: NDArray[np.float64], states: States) -> None:
-        self._states, self._edges = states, edges
+        self._states, self._edges = states.apart(), edges
         self._where, self._what = own
         self._taps = taps
         self._gaps = bin_gaps(taps, edges, may_miss=True)

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from solidtouch.models.measurement.generic import fit as generic_fit
 from solidtouch.models.measurement.generic.contract import StoryFunction
-from solidtouch.models.measurement.generic.form import GenericForm, Given, Program
+from solidtouch.models.measurement.generic.form import GenericForm
+from solidtouch.models.measurement.generic.runs import Given, Program
 from solidtouch.models.measurement.generic.story import GenericModel, batch_of
 from solidtouch.models.measurement.generic.structure import structure_of
 from solidtouch.models.measurement.likelihood.bins import TableForm
@@ -66,7 +67,7 @@ def by_story(model):
     story = StoryFunction.of(story_of("histogram"), "histogram")
     program = Program(story, structure_of(story, batch), batch)
     given = Given({"p": model.probabilities}, {"edges": model.edges})
-    return GenericForm(program, given, Scaling(np.zeros(K), np.ones(K)))
+    return GenericForm(program, (given,), Scaling(np.zeros(K), np.ones(K)))
 
 
 def in_states(model):

@@ -6,7 +6,13 @@ import numpy as np
 import numpyro.distributions as dist
 import pytest
 from scipy import integrate, stats
-from solidtouch.models.measurement.generic.interval import has_cdf, inside, is_bounded, log_density, log_interval
+from solidtouch.models.measurement.generic.interval import (
+    has_probabilities,
+    inside,
+    is_bounded,
+    log_density,
+    log_interval,
+)
 from solidtouch.models.measurement.generic.observed import DENSITY, Binned, binned, measure_of
 
 EDGES = np.linspace(-6.0, 14.0, 41)  # 1.3 is within a bin
@@ -118,7 +124,7 @@ def test_components_of_a_mixture_have_bounds_of_their_own():
         expected, density = np.log(weights @ each), np.log(weights @ densities)
 
     for mixture in (one_family, several):
-        assert has_cdf(mixture)
+        assert has_probabilities(mixture)
         np.testing.assert_allclose(found(mixture, edges), expected, rtol=1e-9)
         np.testing.assert_allclose(log_density(mixture, jnp.asarray(at)), density, rtol=1e-9)
         np.testing.assert_array_equal(inside(mixture, jnp.asarray(at)), [False, True, True])

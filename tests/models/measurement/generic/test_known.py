@@ -9,8 +9,8 @@ from scipy import stats
 from solidtouch.analysis.compare.groups import folds_of, scorer
 from solidtouch.models.measurement.generic import fit as fits
 from solidtouch.models.measurement.generic.contract import StoryCall, StoryFunction
-from solidtouch.models.measurement.generic.form import Program
 from solidtouch.models.measurement.generic.known import known_classes
+from solidtouch.models.measurement.generic.runs import Program
 from solidtouch.models.measurement.generic.structure import shapes_of, structure_of
 from solidtouch.models.measurement.registry import fit_model, model_name
 from solidtouch.models.settings import FitSettings

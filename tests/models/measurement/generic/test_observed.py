@@ -143,17 +143,30 @@ def test_improbable_bins_that_are_wide_keep_their_digits(name):
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=allowed)
 
 
-def test_integers_without_a_distribution_function_count_once_in_any_bin():
-    """A bin of one integer has its probability, however narrow it is; one of several that of the sample for each."""
-    counts = dist.ZeroInflatedPoisson(0.3, 4.0)
-    narrow, wide = np.linspace(-0.25, 10.25, 22), np.linspace(-0.5, 10.5, 4)
-    samples = np.arange(1.0, 10.0)[None, :, None]
-    one, several = (judged(counts, held_in(samples, edges))[0, :, 0] for edges in (narrow, wide))
-    expected = np.log(0.7) + stats.poisson(4.0).logpmf(samples[0, :, 0])
+COUNTS = {
+    "zero-inflated": (dist.ZeroInflatedPoisson(0.3, 4.0), lambda n: 0.3 * (n == 0) + 0.7 * stats.poisson(4.0).pmf(n)),
+    "geometric": (dist.Geometric(0.2), stats.geom(0.2, loc=-1).pmf),
+    "binomial": (dist.Binomial(12, 0.3), stats.binom(12, 0.3).pmf),
+    "beta-binomial": (dist.BetaBinomial(2.0, 3.0, 12), stats.betabinom(12, 2.0, 3.0).pmf),
+    "categories": (dist.Categorical(jnp.array([0.1, 0.2, 0.3, 0.4])), lambda n: np.where(n < 4, 0.1 * (n + 1), 0)),
+    "mixture": (
+        dist.MixtureSameFamily(dist.Categorical(jnp.array([0.4, 0.6])), dist.Geometric(jnp.array([0.3, 0.6]))),
+        lambda n: 0.4 * stats.geom(0.3, loc=-1).pmf(n) + 0.6 * stats.geom(0.6, loc=-1).pmf(n),
+    ),
+}
+"""Distributions of integers without a distribution function, and the probabilities of integers."""
 
-    assert measure_of(counts) == DENSITY
-    np.testing.assert_allclose(one, expected, rtol=1e-9)
-    np.testing.assert_allclose(several[3:6], expected[3:6] + np.log(3.0), rtol=1e-9)
+
+@pytest.mark.parametrize("name", COUNTS)
+def test_integers_without_a_distribution_function_are_summed(name):
+    """A bin has the probability of the integers in it, however many; the last one that of all beyond."""
+    counts, pmf = COUNTS[name]
+    for edges in (np.linspace(-0.25, 10.25, 22), np.linspace(-0.5, 10.5, 4)):
+        first = np.ceil(np.append(edges[:-1], 300)).astype(int)
+        expected = np.array([pmf(np.arange(*ends)).sum() for ends in itertools.pairwise(first)])
+        np.testing.assert_allclose(np.exp(log_probability(counts, every_bin(edges))), expected, rtol=1e-5, atol=1e-9)
+
+    assert measure_of(counts) == BINS
 
 
 def test_what_the_support_excludes_is_impossible():

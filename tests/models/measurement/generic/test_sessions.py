@@ -1,5 +1,6 @@
 """Sessions of users' models: the session at perception is one past those of the training taps."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import numpyro
@@ -7,27 +8,41 @@ import numpyro.distributions as dist
 import pytest
 from numpyro.contrib.control_flow import scan
 from scipy import stats
+from solidtouch.inference.engines.enumeration import log_likelihoods as enumerated
+from solidtouch.inference.engines.enumeration import observed, touch_tables
 from solidtouch.models.errors import InputError
 from solidtouch.models.io.model_file import load_model
+from solidtouch.models.measurement.draws import drawn, replicated_bins
 from solidtouch.models.measurement.generic import fit as fits
 from solidtouch.models.measurement.generic.contract import StoryCall, StoryFunction
 from solidtouch.models.measurement.generic.story import at_prior
 from solidtouch.models.measurement.generic.structure import structure_of
+from solidtouch.models.measurement.likelihood.bins import find_bins
+from solidtouch.models.measurement.likelihood.story_likelihood import log_likelihoods as by_story
+from solidtouch.models.measurement.likelihood.true_class import OwnTaps
 from solidtouch.models.measurement.registry import fit_model, model_name
 from solidtouch.models.settings import FitSettings
 
 L, M, J, K, S = 2, 2, 2, 2, 3
 
 
-def moved_by(shift_of):
-    """Levels of an object, moved in each session by `shift_of(S)`, shape (S,)."""
+def moved_by(shift_of, samples="exchangeable"):
+    """Levels of an object, moved in each session by `shift_of(S)`, shape (S,).
+
+    Samples also rise with time, or the whole tap is moved by +2 or -2.
+    """
 
     def story(where, what, taps=None, *, M, J, K, session):
         with numpyro.plate("M", M):
             loc = numpyro.sample("loc", dist.Normal(0.0, 3.0))
-        level = loc[what] + shift_of(int(session.max()) + 1)[session]
-        with numpyro.plate("tap", len(where), dim=-3), numpyro.plate("J", J, dim=-2), numpyro.plate("K", K, dim=-1):
-            numpyro.sample("taps", dist.Normal(level[:, None, None], 1.0), obs=taps)
+        level = (loc[what] + shift_of(int(session.max()) + 1)[session])[:, None, None]
+        if samples == "rising":
+            level = level + 0.5 * jnp.arange(J)[:, None]
+        with numpyro.plate("tap", len(where), dim=-3):
+            if samples == "either":
+                level = level + 4.0 * numpyro.sample("up", dist.Bernoulli(0.3)) - 2.0
+            with numpyro.plate("J", J, dim=-2), numpyro.plate("K", K, dim=-1):
+                numpyro.sample("taps", dist.Normal(level, 1.0), obs=taps)
 
     return story
 
@@ -43,11 +58,17 @@ def walk(size):
         return jnp.cumsum(numpyro.sample("step", dist.Normal(0.5, 1e-12)))
 
 
+def shifts(size):
+    with numpyro.plate("S", size):
+        return numpyro.sample("shift", dist.Normal(0.0, 2.0))
+
+
 LATENTS = {
     trend: {"loc": np.array([-0.3, 0.6]), "slope": np.array(0.25)},
     walk: {"loc": np.array([-0.3, 0.6]), "step": np.array([0.1, -0.2, 0.3])},
+    shifts: {"loc": np.array([-0.3, 0.6]), "shift": np.array([1.0, -0.5, 0.3])},
 }
-SHIFT = {trend: 0.25 * S, walk: 0.1 - 0.2 + 0.3 + 0.5}
+SHIFT = {trend: [0.0, 0.25, 0.5, 0.75], walk: [0.1, -0.1, 0.2, 0.7], shifts: [1.0, -0.5, 0.3]}
 
 
 @pytest.fixture
@@ -56,31 +77,148 @@ def fitted(make_taps, monkeypatch):
     taps = make_taps(L, M, J, K, repeats=6)
     taps = taps.__class__(taps.dataset.assign_coords(session=("tap", np.array([2, 5, 9])[np.arange(len(taps)) % S])))
 
-    def fit(shift_of):
-        found = fits.GuidePosterior(LATENTS[shift_of], lambda _: {}, fits.Convergence(True, "Set by hand.", {}))
+    def fit(shift_of, samples="exchangeable"):
+        latents = LATENTS[shift_of]
+        found = fits.GuidePosterior(latents, lambda _: latents, fits.Convergence(True, "Set by hand.", {}))
         monkeypatch.setattr(fits, "posterior", lambda *_: found)
         monkeypatch.setattr(fits, "check_prior", lambda _: "")
-        story = moved_by(shift_of)
+        story = moved_by(shift_of, samples)
         settings = FitSettings(bins=9, power="none", method="map")
-        return taps, fit_model(model_name(story), taps, taps.grid(), settings).model, story
+        return taps, fit_model(model_name(story), taps, taps.grid(), settings), story
 
     return fit
+
+
+def log_probability(model, taps, level, samples="exchangeable"):
+    """Log probability of the bins of taps (N, J, K) around levels that broadcast over (..., N, J, K)."""
+    edges = np.concatenate([[-np.inf], model.edges[1:-1], [np.inf]])
+    bins = find_bins(taps, model.edges)
+    lower, upper = ((edges[b] - model.scaling.centre) / model.scaling.unit for b in (bins, bins + 1))
+    if samples == "rising":
+        level = level + 0.5 * np.arange(J)[:, None]
+
+    def at(level):
+        with np.errstate(divide="ignore"):  # far away
+            return np.log(stats.norm.cdf(upper - level) - stats.norm.cdf(lower - level)).sum(axis=(-2, -1))
+
+    if samples == "either":
+        return np.logaddexp(np.log(0.3) + at(level + 2.0), np.log(0.7) + at(level - 2.0))
+    return at(level)
 
 
 @pytest.mark.parametrize("shift_of", [trend, walk])
 def test_a_tap_is_judged_in_the_session_after_those_of_training(shift_of, fitted, tmp_path):
     """Numbered from 0 in their order, also after a file; dependent sessions are drawn given those before."""
-    taps, model, story = fitted(shift_of)
-    edges = np.concatenate([[-np.inf], model.edges[1:-1], [np.inf]])
-    bins = model.bins(taps.taps)
-    lower, upper = ((edges[b] - model.scaling.centre) / model.scaling.unit for b in (bins, bins + 1))
-    level = (model.parameters["loc"] + SHIFT[shift_of])[:, None, None, None]
-    likely = np.log(stats.norm.cdf(upper - level) - stats.norm.cdf(lower - level)).sum(axis=(2, 3))
+    taps, (model, *_), story = fitted(shift_of)
+    level = (model.parameters["loc"] + SHIFT[shift_of][S])[:, None, None, None]
+    likely = log_probability(model, taps.taps, level)
     model.save(tmp_path / "model.nc")
 
     for one in (model, load_model(tmp_path / "model.nc", story=story)):
-        found = one.log_likelihood(taps.taps)
-        np.testing.assert_allclose(found, np.repeat(likely.T[:, None], L, axis=1), rtol=1e-6)
+        states = one.log_likelihood(taps.taps).reshape(len(taps), L, -1, M)
+        np.testing.assert_allclose(states, np.broadcast_to(likely.T[:, None, None], states.shape), rtol=1e-6)
+
+
+@pytest.mark.parametrize("samples", ["exchangeable", "rising", "either"])
+@pytest.mark.parametrize("shift_of", [trend, walk])
+def test_training_taps_are_judged_and_replicated_in_their_own_session(shift_of, samples, fitted):
+    taps, fit, _ = fitted(shift_of, samples)
+    shift, session = np.array(SHIFT[shift_of]), np.searchsorted([2, 5, 9], taps.session)
+    level = fit.model.parameters["loc"][taps.what] + shift[session]
+    some = taps.select(np.arange(0, len(taps), 5))
+
+    _, found = next(drawn(fit, taps, 1, 0))
+    np.testing.assert_allclose(found, log_probability(fit.model, taps.taps, level[:, None, None], samples), rtol=1e-6)
+    _, of_some = next(drawn(fit, some, 1, 0))
+    np.testing.assert_allclose(of_some, found[::5], rtol=1e-6)
+
+    rng, (parameters, _) = np.random.default_rng(1), next(drawn(fit, some, 1, 0))
+    many = np.array([replicated_bins(parameters, fit.model, some, rng) for _ in range(400)], dtype=float)
+    edges = np.concatenate([[-np.inf], fit.model.edges[1:-1], [np.inf]])
+    inner = (edges[1:-1] - fit.model.scaling.centre[:, None]) / fit.model.scaling.unit[:, None]
+    rise = 0.5 * np.arange(J)[:, None] if samples == "rising" else np.zeros((J, 1))
+    moves = [(0.3, 2.0), (0.7, -2.0)] if samples == "either" else [(1.0, 0.0)]
+    mean = level[::5, None, None] + rise
+    expected = sum(p * stats.norm.sf(inner - (mean + move)[..., None]).sum(axis=-1) for p, move in moves)
+    assert np.abs(many.mean(axis=0) - expected).max() < 5 * many.std() / np.sqrt(len(many))
+
+
+def test_a_tap_of_a_session_that_trained_nothing_has_no_session_of_its_own(fitted):
+    taps, fit, _ = fitted(walk)
+    other = taps.__class__(taps.dataset.assign_coords(session=("tap", np.full(len(taps), 7))))
+
+    with pytest.raises(InputError, match="No tap of session 7 trained story, which tells sessions apart"):
+        next(drawn(fit, other, 1, 0))
+
+
+@pytest.mark.parametrize("samples", ["exchangeable", "rising"])
+def test_taps_of_an_episode_share_a_session(samples, fitted):
+    """The belief after several taps is nearly that of exact integration over what moves all of them."""
+    taps, fit, _ = fitted(shifts, samples)
+    model, episode = fit.model, taps.taps[taps.where == 0][:5]
+    found = model.log_likelihood(episode)[:, 0].sum(axis=0).reshape(-1, M)
+    found = np.logaddexp.reduce(found, axis=0) - np.log(len(found))
+
+    shift = np.linspace(-10, 10, 4001)
+    level = (model.parameters["loc"][:, None] + shift)[..., None, None, None]
+    each = log_probability(model, episode, level, samples).sum(axis=-1)
+    exact = np.logaddexp.reduce(each + stats.norm.logpdf(shift, 0, 2), axis=-1) + np.log(shift[1] - shift[0])
+    np.testing.assert_allclose(found - found[0], exact - exact[0], atol=0.05)
+    np.testing.assert_allclose(found, exact, atol=0.1)
+    assert abs(exact[1] - exact[0]) > 0.1
+
+
+@pytest.mark.parametrize("samples", ["exchangeable", "rising"])
+def test_the_models_of_numpyro_have_the_same_sessions(samples, fitted):
+    taps, fit, _ = fitted(shifts, samples)
+    with jax.enable_x64(True):
+        found = enumerated(touch_tables(fit.model), observed(fit.model, taps.taps[:2]))
+
+    np.testing.assert_allclose(found, fit.model.log_likelihood(taps.taps[:2]), rtol=1e-9)
+    np.testing.assert_allclose(found, by_story(fit.model, taps.taps[:2]), rtol=1e-9)
+
+
+def test_what_a_new_session_is_drawn_from_is_filled_evenly(fitted):
+    model = fitted(shifts)[1].model
+    quantiles = stats.norm.cdf([one["shift"][-1] for one in model.decides_at], 0, 2)
+    D = len(quantiles)
+
+    np.testing.assert_array_equal(np.sort((quantiles * D).astype(int)), np.arange(D))
+    assert all((one["shift"][:-1] == model.parameters["shift"]).all() for one in model.decides_at)
+
+
+def test_priors_without_quantiles_are_drawn_from(fitted, monkeypatch):
+    monkeypatch.setattr(dist.Normal, "icdf", dist.Distribution.icdf)
+    model = fitted(shifts)[1].model
+    quantiles = stats.norm.cdf([one["shift"][-1] for one in model.decides_at], 0, 2)
+
+    assert stats.kstest(quantiles, "uniform").pvalue > 0.01
+    assert len(set((quantiles * len(quantiles)).astype(int))) < len(quantiles)
+
+
+def test_the_error_of_the_mean_over_new_sessions_is_known(fitted):
+    """Within a factor of 3, on taps whose exact probabilities are known."""
+    taps, fit, _ = fitted(shifts)
+    some = taps.select(np.arange(0, len(taps), 3))
+    model, own = fit.model, some.indices(fit.model.grid)
+    many = np.repeat(some.taps, 30, axis=1)  # more samples tell more of the session, which fewer draws are near
+    shift = np.linspace(-6, 6, 1201)
+    level = model.parameters["loc"][own[1]][:, None, None] + shift[:, None, None, None]
+    each = log_probability(model, many, level)
+    prior = stats.norm.logpdf(shift, 0, 2)[:, None]
+    exact = np.logaddexp.reduce(each + prior, axis=0) + np.log(shift[1] - shift[0])
+    means = OwnTaps(many, own, model.edges, model.states).log_probability(model.plain_form)
+    error = np.abs(means - exact).mean()
+
+    assert error / 3 < model.integration_error(many, own) < 3 * error
+    assert error > 0.02
+
+
+def test_a_session_has_no_gain_beside_what_it_has_already(fitted):
+    taps, _, story = fitted(shifts)
+
+    with pytest.raises(InputError, match="story has latent variables of sessions, which take the place of session:"):
+        fit_model(f"session:{model_name(story)}", taps, taps.grid(), FitSettings(bins=9, power="none", method="map"))
 
 
 def fixed(_):
@@ -144,22 +282,22 @@ def test_what_belongs_to_sessions_is_found():
 def test_sessions_drawn_from_a_prior_follow_each_other():
     """Each is given those before it, and has their number as index."""
 
-    def drawn(sessions):
+    def at(sessions):
         own = [np.random.default_rng(1 + number) for number in range(sessions)]
         return at_prior(StoryFunction.of(moved_by(walk), "story"), BATCH, np.random.default_rng(0), own)
 
-    two, three = drawn(2), drawn(3)
+    two, three = at(2), at(3)
     assert (two.program.sessions, three.program.sessions) == (1, 2)
-    np.testing.assert_array_equal(three.given.latents["step"][:2], two.given.latents["step"])
-    assert three.given.latents["step"].shape == (3,)
+    np.testing.assert_array_equal(three.given[0].latents["step"][:2], two.given[0].latents["step"])
+    assert three.given[0].latents["step"].shape == (3,)
 
 
 def test_a_file_that_does_not_know_its_sessions_is_refused(fitted, tmp_path, monkeypatch):
-    _, model, story = fitted(trend)
+    _, (model, *_), story = fitted(trend)
     monkeypatch.setattr(type(model), "groups", _without_sessions(type(model).groups))
     model.save(tmp_path / "model.nc")
 
-    with pytest.raises(InputError, match="does not say how many sessions trained it; fit again"):
+    with pytest.raises(InputError, match="does not say which sessions trained it; fit again"):
         load_model(tmp_path / "model.nc", story=story)
 
 
@@ -167,7 +305,7 @@ def _without_sessions(groups):
     def made(model):
         found = groups(model)
         root = found["/"].copy()
-        root.attrs = {name: value for name, value in root.attrs.items() if name != "sessions"}
+        root.attrs = {name: value for name, value in root.attrs.items() if name != "training_sessions"}
         return found | {"/": root}
 
     return made
