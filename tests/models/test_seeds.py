@@ -18,7 +18,7 @@ EXEMPT = {
     "hardware/emulator/finger.py",
     "hardware/emulator/skin_board.py",
     "models/measurement/student.py",  # the start of an optimisation, and a key drawn from a generator
-    "models/measurement/generic/form.py",  # a key drawn from a generator
+    "models/measurement/generic/runs.py",  # a key drawn from a generator
     "inference/bayes_risk/problem.py",  # hashing
     "hardware/replay.py",  # the default for callers in Python
 }

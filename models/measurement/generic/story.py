@@ -37,8 +37,8 @@ _SESSIONS = 64  # draws of a new session where the model decides at one value
 _CHECKED = 64  # taps by which these are judged
 _LARGE_ERROR = 1.0  # nats per tap
 _UNCERTAIN = (
-    f"The log probability of a tap in a new session comes from {_SESSIONS} draws of {{names}} and is off by about "
-    "{off:.1f} nats; the fewer latent variables a session has, the less."
+    f"The log probability of a tap in a new session comes from {_SESSIONS} draws of {{names}} and is off by "
+    "{off:.1f} nats or more; the fewer latent variables a session has, the less."
 )
 
 
@@ -210,6 +210,8 @@ class GenericModel(ModelOfParameters):
 
     def integration_error(self, taps: NDArray[np.float64], own: "Own") -> float:
         """Mean error of the log probability of a tap in a new session, in nats, from two halves of its draws.
+
+        Where draws are few for the dimensions of a session, all miss where a tap is likely, and the error is larger.
 
         Args:
             taps: Shape (N, J, K).
