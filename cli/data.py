@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from .shared.interrupt import loading
-from .shared.options import Force, WhatCell, WhereCell
+from .shared.options import Force, Missing, WhatCell, WhereCell
 
 if TYPE_CHECKING:
     from ..models.io.recording import Recording
@@ -181,10 +181,11 @@ def inspect(
     ],
     where_cell: WhereCell = None,
     what_cell: WhatCell = None,
+    missing: Missing = "refuse",
 ) -> None:
     """Print sizes, ranges and data-quality warnings of a tap set."""
     with loading():
         from ..analysis.inspect.report import inspect as study
         from .shared.report import show_page
 
-    show_page(study(data, where_cell, what_cell))
+    show_page(study(data, where_cell, what_cell, missing))

@@ -215,7 +215,8 @@ def saturated_taxels(samples: Any, extremes: NDArray[np.floating]) -> tuple[int,
         extremes: Lowest and highest sample of each tap and taxel, shape (N, 2, K).
     """
     ends, J = np.stack(taxel_ranges(extremes)), samples.shape[1]
-    span, idle = ends[1] - ends[0], np.median(np.asarray(samples[:, 0]), axis=0)
+    span, first = ends[1] - ends[0], np.asarray(samples[:, 0])
+    idle = np.nanmedian(np.where(np.isnan(first).all(axis=0), 0.0, first), axis=0)
     possible = (span > 0) & (span >= np.fmax.reduce(span) / 10) & (abs(ends - idle) >= span / 2)
     reaches = extremes == ends
     sides = np.argwhere(possible & (reaches.sum(axis=0) >= _STAYING)).tolist()  # with noise there are none

@@ -35,11 +35,11 @@ def overview_lines(inspection: Inspection) -> Iterator[tuple[str, str]]:
 def _range(inspection: Inspection) -> str:
     low, high = inspection.low, inspection.high
     spans = high - low
-    narrow, wide = int(spans.argmin()), int(spans.argmax())
+    narrow, wide = int(np.nanargmin(spans)), int(np.nanargmax(spans))
     unit = f" {inspection.units}" if inspection.units else ""
     return (
-        f"{low.min():g} to {high.max():g}{unit}; narrowest taxel {narrow}: {low[narrow]:g} to {high[narrow]:g}, "
-        f"widest taxel {wide}: {low[wide]:g} to {high[wide]:g}"
+        f"{np.nanmin(low):g} to {np.nanmax(high):g}{unit}; narrowest taxel {narrow}: {low[narrow]:g} to "
+        f"{high[narrow]:g}, widest taxel {wide}: {low[wide]:g} to {high[wide]:g}"
     )
 
 

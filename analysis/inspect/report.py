@@ -7,6 +7,7 @@ import xarray as xr
 
 from ...models.grid import ClassGrid
 from ...models.io.load import TapSource, names_of, taps_of
+from ...models.settings import Missing
 from ..page.page import Page
 from ..page.report import Report
 from .page import inspection_page
@@ -56,7 +57,9 @@ class InspectionReport(Report):
         )
 
 
-def inspect(data: TapSource, where_cell: str | None = None, what_cell: str | None = None) -> InspectionReport:
+def inspect(
+    data: TapSource, where_cell: str | None = None, what_cell: str | None = None, missing: Missing | None = None
+) -> InspectionReport:
     """Sizes, ranges and data-quality warnings of taps.
 
     >>> import solidtouch as st
@@ -71,10 +74,11 @@ def inspect(data: TapSource, where_cell: str | None = None, what_cell: str | Non
         data: A tap set or its file.
         where_cell: Width of the position classes with unit, such as `"3mm"`; `None` for the positions of the taps.
         what_cell: Width of the object classes.
+        missing: `"drop"` to accept samples that are NaN, and to say how many are; as in `load_taps`.
 
     Raises:
         InputError: The taps cannot be read, or have no such classes.
     """
-    taps = taps_of(data)
+    taps = taps_of(data, missing)
     grid = taps.grid(where_cell, what_cell)
     return InspectionReport(inspect_taps(taps, grid), grid, names_of([data])[0])

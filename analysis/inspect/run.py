@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from ...models.grid import ClassGrid
 from ...models.preprocessing import Preprocessing
+from ...models.splits import missing_sentence
 from ...models.taps import TapSet
 from ..experiment.data_warnings import constant_taxels, data_warnings, saturated_taxels, taxel_ranges
 
@@ -69,7 +70,7 @@ def inspect_taps(taps: TapSet, grid: ClassGrid) -> Inspection:
         saturated=saturated_taxels(taps.samples, taps.extremes),
         preprocessing=_chosen(taps.preprocessing),
         attributes={**attributes, "further arrays": ", ".join(extra)},
-        warnings=tuple(data_warnings(taps, grid)),
+        warnings=tuple(filter(None, (missing_sentence([taps], "taps"), *data_warnings(taps, grid)))),
     )
 
 

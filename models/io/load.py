@@ -74,8 +74,8 @@ def taps_of(source: TapSource, missing: Missing | None = None) -> TapSet:
     if missing is None and source.lacking.any():
         lacking = int(source.lacking.any(axis=1).sum())
         raise InputError(
-            f"{lacking} of {len(source)} taps have missing samples; only fit, compare, crosscheck, reproduce, trials "
-            "and tune leave them out."
+            f"{lacking} of {len(source)} taps have missing samples; only inspect, fit, compare, crosscheck, reproduce, "
+            "trials and tune leave them out."
         )
     return source
 

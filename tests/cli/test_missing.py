@@ -55,6 +55,9 @@ def test_missing_samples_are_refused_unless_they_are_to_be_dropped(command, file
         done = command(*words, "--missing", "drop")
         assert done.code == 0
         assert "are missing and left out; taxels without any: 3." in " ".join((done.out + done.err).split())
+    done = command("inspect", files[1], "--missing", "drop")
+    assert done.code == 0
+    assert "are missing and left out; taxels without any: 3." in " ".join(done.out.split())
     setting = "--trials", 100, "--bins", 9, "--deadline", 20, "--out", tmp_path / "setting.json"
     assert command("tune", files[1], *setting, "--missing", "drop").code == 0
 
@@ -71,7 +74,7 @@ def test_tap_sets_remember_that_samples_may_be_missing(files):
     assert st.fit(taps, bins=9).missing == "drop"
     assert load_experiment([taps], Division(split="parity"))[0].warning
     for study in (st.inspect, partial(st.audit, taps, taps)):
-        with pytest.raises(ValueError, match=r"taps have missing samples; only fit, compare, .* leave them out"):
+        with pytest.raises(ValueError, match=r"taps have missing samples; only inspect, fit, .* leave them out"):
             study(taps)
 
 
