@@ -78,9 +78,8 @@ def register(function: "Callable[..., Any]", name: str | None = None) -> str:
     name = str(getattr(function, "__name__", "")) if name is None else name
     if name in NAMES or not re.fullmatch(r"[\w.-]+", name):
         why = "is a built-in model" if name in NAMES else "cannot be the name of a model"
-        raise InputError(
-            f'{name!r} {why}; register the function under another name: st.register(function, "my-model").'
-        )
+        told = f"{name!r} {why}" if name else f"A {type(function).__name__} without a name cannot be a model"
+        raise InputError(f'{told}; register the function under another name: st.register(function, "my-model").')
     source.add(function, name)
     return name
 

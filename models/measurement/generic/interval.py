@@ -89,7 +89,10 @@ def log_density(base: Any, value: jax.Array) -> jax.Array:
     there = inside(base, value)
     each = there.reshape(there.shape + (1,) * base.event_dim)
     # A value of the support in place of others, so that no derivative is NaN.
-    return jnp.where(there, base.log_prob(jnp.where(each, value, _feasible(base, value))), -jnp.inf)
+    value = jnp.where(each, value, _feasible(base, value))
+    if base.is_discrete:  # some take integers alone
+        value = value.astype(int)
+    return jnp.where(there, base.log_prob(value), -jnp.inf)
 
 
 def inside(distribution: Any, value: jax.Array) -> jax.Array:

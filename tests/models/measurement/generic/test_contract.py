@@ -14,6 +14,7 @@ from solidtouch.models.measurement.generic import source
 from solidtouch.models.measurement.generic.contract import StoryCall, StoryFunction, measurement_model
 from solidtouch.models.measurement.generic.story import batch_of
 from solidtouch.models.measurement.generic.structure import check_names, structure_of
+from solidtouch.models.measurement.registry import model_name
 
 L, M, J, K = 3, 2, 5, 4
 
@@ -347,3 +348,8 @@ def test_arguments_of_its_own_are_given_by_partial():
     assert source.digest(given) == source.digest(same)
     assert len({source.digest(one) for one in (story, given, changed)}) == 3
     assert StoryFunction.of(partial(counts), "counts").raw
+
+
+def test_a_partial_function_needs_a_name():
+    with pytest.raises(InputError, match=r"A partial without a name cannot be a model; register .*st\.register"):
+        model_name(partial(len))

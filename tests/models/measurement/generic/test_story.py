@@ -669,3 +669,28 @@ def test_a_prior_far_from_the_taps_is_told_of_a_fit_that_did_not_converge(taps):
         patch.setattr(fits, "posterior", lambda *given: near_the_taps(*given)._replace(told=lost))
         with pytest.raises(NotConvergedError, match=r"not converge: Lost\. The prior of .* more .*--steps .* Use it"):
             quick(wide, taps, unconverged=False)
+
+
+def test_categories_are_samples_too(make_taps):
+    """Distributions that take integers alone are fitted and judged, each category by its probability."""
+
+    def graded(where, what, taps=None, *, M, J, K):
+        with numpyro.plate("M", M):
+            loc = numpyro.sample("loc", dist.Normal(0.0, 1.0))
+        level = jnp.broadcast_to(loc[what][:, None, None], (len(where), J, K))
+        with numpyro.plate("tap", len(where), dim=-3), numpyro.plate("J", J, dim=-2), numpyro.plate("K", K, dim=-1):
+            numpyro.sample("taps", dist.OrderedLogistic(level, jnp.array([-1.0, 0.0, 1.0])), obs=taps)
+
+    taps = make_taps(L=1, M=2, J=3, K=2, repeats=8)
+    counts = np.clip(np.round(taps.taps), 0, 3)
+    taps = taps.__class__(taps.dataset.assign(taps=(taps.dataset["taps"].dims, counts)))
+    model = registry.fit_model(
+        registry.model_name(measurement_model(raw=True)(graded)),
+        taps,
+        taps.grid(),
+        FitSettings(bins=9, power="none", method="map", unconverged=True),
+    ).model
+    below = [np.r_[0.0, 1 / (1 + np.exp(loc - np.array([-1.0, 0.0, 1.0]))), 1.0] for loc in model.parameters["loc"]]
+    expected = [[np.log(np.diff(cdf))[tap.astype(int)].sum() for cdf in below] for tap in counts]
+
+    np.testing.assert_allclose(model.log_likelihood(counts)[:, 0], expected, rtol=1e-6)
