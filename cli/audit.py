@@ -12,6 +12,7 @@ from .shared.report import command_line, report_folder, show_report
 
 _Passive = Annotated[bool, Option("--passive", help="Evaluate passive trials, which never move.")]
 _QUICK_TRIALS, _QUICK_PERMUTATIONS = 1000, 199
+_QUICK = {"resamples": 25, "replicates": 15, "simulations": 39, "tuned_simulations": 0}
 
 
 @spelled_out
@@ -68,8 +69,9 @@ def audit(
         bool,
         Option(
             "--quick",
-            help=f"Preview with at most {_QUICK_TRIALS} trials and {_QUICK_PERMUTATIONS} permutations; intervals are "
-            "wider, and small effects are missed.",
+            help=f"Preview with wider intervals that misses small effects: {_QUICK_TRIALS} trials, "
+            f"{_QUICK_PERMUTATIONS} permutations, {_QUICK['resamples']} resamples, {_QUICK['replicates']} replicates "
+            f"and {_QUICK['simulations']} simulations at most; no tuned exponents of a correct model.",
         ),
     ] = False,
     seed: Seed = 0,
@@ -95,6 +97,7 @@ def audit(
             models=[name.strip() for name in models.split(",")] if models else (),
             permutations=permutations,
             trials=trials,
+            **(_QUICK if quick else {}),
             seed=seed,
             progress=progress,
             command=command_line(),

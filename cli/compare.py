@@ -12,6 +12,7 @@ from .shared.options import DIVIDED, FITTING, Data, Fields, Force, Seed, Thresho
 from .shared.report import command_line, report_folder, show_report
 
 _QUICK_DRAWS, _QUICK_TRIALS, _QUICK_FOLDS = 100, 1000, 3
+_QUICK = {"resamples": 25, "replicates": 8}
 
 
 @spelled_out
@@ -36,13 +37,20 @@ def compare(
     leave_out: Annotated[
         Literal["session", "position", "object"], Option(help="What models predict without training on it.")
     ] = "session",
-    folds: Annotated[int, Option(min=2, help="Most folds; more sessions, positions or objects are grouped.")] = 6,
+    folds: Annotated[
+        int,
+        Option(
+            min=1,
+            help="Most folds; more sessions, positions or objects are grouped. With 1, only test sessions.",
+        ),
+    ] = 6,
     quick: Annotated[
         bool,
         Option(
             "--quick",
-            help=f"Preview with at most {_QUICK_DRAWS} draws, {_QUICK_TRIALS} trials and {_QUICK_FOLDS} folds; "
-            "intervals are wider.",
+            help=f"Preview with wider intervals: {_QUICK_DRAWS} draws, {_QUICK_TRIALS} trials, {_QUICK['resamples']} "
+            f"resamples and {_QUICK['replicates']} replicates at most, sessions of the test taps alone left out, or "
+            f"{_QUICK_FOLDS} groups of positions or objects.",
         ),
     ] = False,
     seed: Seed = 0,
@@ -50,7 +58,8 @@ def compare(
 ) -> None:
     """Compare measurement models by prediction, classification and decision error."""
     if quick:
-        draws, trials, folds = min(draws, _QUICK_DRAWS), min(trials, _QUICK_TRIALS), min(folds, _QUICK_FOLDS)
+        draws, trials = min(draws, _QUICK_DRAWS), min(trials, _QUICK_TRIALS)
+        folds = min(folds, 1 if leave_out == "session" else _QUICK_FOLDS)
     with loading():
         from ..analysis.compare.report import compare as study
     from .shared.progress import bars
@@ -69,6 +78,7 @@ def compare(
             play=play,
             leave_out=leave_out,
             folds=folds,
+            **(_QUICK if quick else {}),
             seed=seed,
             progress=progress,
             command=command_line(),

@@ -349,6 +349,10 @@ def _cost_pictures(audit: Audit, summary: Row) -> Iterator[Picture]:
 
 def _remedy(audit: Audit, summary: Row) -> Iterator[Block]:
     remedy, theta = summary["remedy"]["evidence"], summary["threshold"]
+    beside = (
+        "Tuned values of the current model are listed below with those of a correct model, fitted and tuned in the "
+        "same way on as many taps. "
+    ) * any(row["right_model"] for row in remedy["ranking"])
     used_up = f" at threshold {remedy['compared_at']} (higher thresholds use up the test taps)"
     yield (
         "Each remedy drops one assumption. Models other than the histogram have their own exponent, tuned on the "
@@ -358,8 +362,7 @@ def _remedy(audit: Audit, summary: Row) -> Iterator[Block]:
         f"{number(remedy['reaction_time'])} taps, {remedy['policy']}; a dash means that a remedy does not reach this "
         "reaction time. A remedy is significant if its gain is above zero at a level adjusted for all remedies "
         "together (stricter than the 95% intervals) and its error is not significantly more than a tenth larger. "
-        "Tuned values of the current model are listed below with those of a correct model, fitted and tuned in the "
-        "same way on as many taps. Exponents of other models are not compared, because simulating them takes minutes; "
+        f"{beside}Exponents of other models are not compared, because simulating them takes minutes; "
         "`solidtouch fit --model NAME --power learned --simulations 19` does so for any model."
     )
     yield Brief(_remedies(summary), columns=(0, 1, 3, 6, 7))

@@ -162,6 +162,7 @@ def beside_right(
     n: int,
     seed: int,
     advance: Callable[[int], None],
+    simulations: int = SIMULATIONS,
 ) -> list[Remedy]:
     """The remedies, exponents and saturation of the model in use beside those of a right one.
 
@@ -173,12 +174,13 @@ def beside_right(
         tune: Sessions by which exponents were chosen.
         n: Taps after which exponents were judged.
         seed: Of random draws.
-        advance: Told of every simulated data set, of `right_exponent.SIMULATIONS`.
+        advance: Told of every simulated data set.
+        simulations: Data sets; none leaves the remedies as they are.
     """
     base = remedies[0]
     tuned = {remedy.name: remedy.setting for remedy in remedies if remedy.name in (EXPONENT, FALLING)}
-    if not tuned:
-        advance(SIMULATIONS)
+    if not tuned or not simulations:
+        advance(simulations)
         return list(remedies)
 
     def again(sets: Sequence[TapSet]) -> Sequence[float]:
@@ -186,7 +188,7 @@ def beside_right(
         falling = learn_saturation(model, sets[1:], seed=seed)
         return best_power(model, sets[1:], n, seed).power, falling.power, falling.saturation
 
-    found = simulate_tuned(base.model, [train, *tune], again, 3, seed, progress=advance)
+    found = simulate_tuned(base.model, [train, *tune], again, 3, seed, simulations, advance)
     columns, beside = {EXPONENT: [0], FALLING: [1, 2]}, {}
     for name, setting in tuned.items():
         limit = None

@@ -21,6 +21,7 @@ from ...inference.trials.records import TapTable, tap_table
 from ...inference.trials.resampling import (
     CONFIDENCE,
     RESAMPLE_TRIALS,
+    RESAMPLES,
     USED_UP_SELECTED,
     Spread,
     spread,
@@ -42,7 +43,6 @@ from ..stats.right_model import SIMULATIONS, Beside, compare, exact, reference_f
 from .remedies import Remedy
 
 _SEQUENCES, _RESAMPLE_SEQUENCES = 20, 6  # of each class, at least; the latter even, for halves
-_RESAMPLES = 100
 _ROUGH_RESAMPLES, _ROUGH_TRIALS = 20, 200
 _FACTOR_TRIALS = 500  # on each resample, for the factors of remedies, which are told to two digits
 
@@ -130,6 +130,9 @@ def measure(
     trials: int,
     seed: int,
     advance: Callable[[int], None],
+    *,
+    resamples: int = RESAMPLES,
+    simulations: int = SIMULATIONS,
 ) -> Measured:
     """Measures remedies; the first is the setting as it is.
 
@@ -140,6 +143,8 @@ def measure(
         trials: Of each remedy.
         seed: Of every random draw.
         advance: Told how much of `count_measurements` is done.
+        resamples: Of the taps, for intervals.
+        simulations: Of a correct model, with which beliefs are compared.
     """
     base = remedies[0]
     shared = _known_to_all(remedies, taps)
@@ -155,12 +160,15 @@ def measure(
     rough = _rough(alike, base, **options)
     theta = _comparable(rough, base.name, base.setting.play.threshold)
     time = float(rough["taps"].sel(model=base.name, theta=theta)[0])
-    played = _play(alike, base, highest=_needed(rough, time), **options)
+    in_full: dict[str, Any] = {**options, "resamples": resamples}
+    played = _play(alike, base, highest=_needed(rough, time), **in_full)
     at_time = at_equal_taps(played, [time]).sel(policy=policy).isel(taps=0)
     thetas = sorted({*THETAS, base.setting.play.threshold})
-    reliable = decisions(tables[base.name], base.grid, base.setting, thetas, trials=trials, seed=seed)
+    reliable = decisions(
+        tables[base.name], base.grid, base.setting, thetas, trials=trials, seed=seed, resamples=resamples
+    )
     as_it_is = headline(reliable, policy, base.setting.play.threshold)
-    beliefs_of = partial(_log_beliefs, grid=base.grid, taps=shared, n=n, seed=seed)
+    beliefs_of = partial(_log_beliefs, grid=base.grid, taps=shared, n=n, seed=seed, resamples=resamples)
     seen = [(alike[remedy.name], remedy) for remedy in remedies if remedy.name in alike]
     beliefs = dict(zip(alike, beliefs_of(seen, tables[base.name]), strict=True))
     scores = []
@@ -171,7 +179,7 @@ def measure(
             as_is, own = beliefs[base.name], beliefs[remedy.name]
         else:
             alone = {remedy.name: table}
-            finer = _play(alone, remedy, highest=_needed(_rough(alone, remedy, **options), time), **options)
+            finer = _play(alone, remedy, highest=_needed(_rough(alone, remedy, **options), time), **in_full)
             errors = _against(at_time.sel(model=base.name), finer, policy, time)
             as_is, own = beliefs_of([(tables[base.name], base), (table, remedy)], table)
         rounding = _rounding((table, tables[base.name]), n * shared.taps[0].size)
@@ -179,7 +187,7 @@ def measure(
         if remedy is base:
             found = as_it_is
         else:
-            found = headline(_factors(table, remedy, **options), policy, remedy.setting.play.threshold)
+            found = headline(_factors(table, remedy, **in_full), policy, remedy.setting.play.threshold)
         scores.append(
             Scored(
                 remedy.name,
@@ -194,14 +202,14 @@ def measure(
         )
         advance(1)
     own_table = tables[base.name]
-    reference = reference_factors(base.model, own_table, base.setting, policy, trials // 2, seed, progress=advance)
+    reference = reference_factors(base.model, own_table, base.setting, policy, trials // 2, seed, simulations, advance)
     judged = judge(as_it_is, base.model, own_table.pool, reference)
     return Measured(scores, n, time, theta, policy, judged, reliable, played, own_table)
 
 
-def count_measurements(remedies: Sequence[Remedy]) -> int:
+def count_measurements(remedies: Sequence[Remedy], simulations: int = SIMULATIONS) -> int:
     """How often `measure` reports progress."""
-    return 2 * len(remedies) + SIMULATIONS
+    return 2 * len(remedies) + simulations
 
 
 def lost(measured: Measured) -> Row:
@@ -252,7 +260,7 @@ def _play(
     policy: str,
     trials: int,
     seed: int,
-    resamples: int = _RESAMPLES,
+    resamples: int = RESAMPLES,
     resample_trials: int = RESAMPLE_TRIALS,
     highest: Mapping[str, float] | None = None,
 ) -> xr.Dataset:
@@ -341,7 +349,14 @@ def _sequences(
 
 
 def _log_beliefs(
-    seen: Sequence[tuple[TapTable, Remedy]], pool_of: TapTable, *, grid: ClassGrid, taps: TapSet, n: int, seed: int
+    seen: Sequence[tuple[TapTable, Remedy]],
+    pool_of: TapTable,
+    *,
+    grid: ClassGrid,
+    taps: TapSet,
+    n: int,
+    seed: int,
+    resamples: int = RESAMPLES,
 ) -> NDArray[np.float64]:
     """Mean log belief of P remedies in what is true after the same n taps; a row is as `Spread.interval` takes it."""
     generator = seeds.generator(seed, seeds.Purpose.REMEDY_SCORES)
@@ -351,7 +366,7 @@ def _log_beliefs(
         values = [weight * _log_belief(table, remedy, grid, classes, drawn) for table, remedy in seen]
         return [(2 * one[::2].sum(), 2 * one[1::2].sum()) for one in values]
 
-    pools = enumerate(thinned_pools(pool_of, _RESAMPLES, seed))
+    pools = enumerate(thinned_pools(pool_of, resamples, seed))
     drawn = (_sequences(pool, n, _RESAMPLE_SEQUENCES if i else _SEQUENCES, generator) for i, pool in pools)
     tasks = (partial(halves, *sequences) for sequences in drawn)
     found = np.array(list(in_order(tasks, cores(None)))).transpose(1, 0, 2)
@@ -423,7 +438,7 @@ def decisions(
     )
 
 
-def _factors(table: TapTable, remedy: Remedy, policy: str, trials: int, seed: int) -> xr.Dataset:
+def _factors(table: TapTable, remedy: Remedy, policy: str, trials: int, seed: int, resamples: int) -> xr.Dataset:
     """Of a remedy at its threshold, of which no more than the factor is told."""
     return decisions(
         table,
@@ -434,7 +449,7 @@ def _factors(table: TapTable, remedy: Remedy, policy: str, trials: int, seed: in
         trials=trials,
         seed=seed,
         contacts=(),
-        resamples=_RESAMPLES,
+        resamples=resamples,
         resample_trials=_FACTOR_TRIALS,
     )
 

@@ -8,6 +8,7 @@ from typing import ClassVar
 import xarray as xr
 
 from ...inference.moves.control import check_fixation
+from ...inference.trials.resampling import RESAMPLES
 from ...models.errors import InputError, check_counts
 from ...models.io.load import TapSource, names_of
 from ...models.measurement.histogram import trim
@@ -19,6 +20,9 @@ from ...models.settings import Division, FitSettings, PlaySettings
 from ..experiment.parts import AuditParts, load_parts
 from ..page.page import Page, Row
 from ..page.report import StudyReport
+from ..stats.right_exponent import SIMULATIONS as RIGHT_EXPONENTS
+from ..stats.right_model import SIMULATIONS
+from .checks import REPLICATES
 from .page import audit_page
 from .remedies import BASELINE, Remedy
 from .run import Audit, AuditSettings, audit_taps
@@ -34,6 +38,9 @@ from .tables import (
 )
 
 FEWEST_PERMUTATIONS, FEWEST_TRIALS = 99, 100
+FEWEST_RESAMPLES = 2
+FEWEST_SIMULATIONS = 39
+"""With fewer a factor beyond all of them is not significant at 5% on either side."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -135,6 +142,10 @@ def audit(
     models: AnyModel | Sequence[AnyModel] = (),
     permutations: int = 999,
     trials: int = 4000,
+    resamples: int = RESAMPLES,
+    replicates: int = REPLICATES,
+    simulations: int = SIMULATIONS,
+    tuned_simulations: int = RIGHT_EXPONENTS,
     seed: int = 0,
     progress: Progress = no_progress,
     command: str = "",
@@ -154,6 +165,10 @@ def audit(
             docs/how-to/your-own-model.md.
         permutations: Permutations of every test.
         trials: Trials of each remedy and policy.
+        resamples: Of the measuring taps, for intervals.
+        replicates: Of all taps from the fitted histograms, at most, for checks of predictions.
+        simulations: Data sets of a correct model, with which miscalibration and error bounds are compared.
+        tuned_simulations: Likewise for tuned exponents; 0 skips that.
         seed: Random seed.
         progress: Called with the name and size of every stage; returns the function that advances it.
         command: The command line, for the page.
@@ -168,6 +183,10 @@ def audit(
     for name, number, least in (
         ("--permutations", permutations, FEWEST_PERMUTATIONS),
         ("--trials", trials, FEWEST_TRIALS),
+        ("resamples", resamples, FEWEST_RESAMPLES),
+        ("replicates", replicates, FEWEST_RESAMPLES),
+        ("simulations", simulations, FEWEST_SIMULATIONS),
+        ("tuned_simulations", tuned_simulations or RIGHT_EXPONENTS, RIGHT_EXPONENTS),
     ):
         if number < least:
             raise InputError(f"{name} must be {least} or more, got {number}.")
@@ -187,6 +206,10 @@ def audit(
         permutations=permutations,
         trials=trials,
         seed=seed,
+        resamples=resamples,
+        replicates=replicates,
+        simulations=simulations,
+        tuned_simulations=tuned_simulations,
     )
     found = audit_taps(parts, grid, settings, progress)
     about = _about(data, parts, dropped, found.unused, command)

@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from ...inference.trials.records import tap_table
+from ...inference.trials.resampling import RESAMPLES
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
 from ...models.measurement.histogram import HistogramModel
@@ -21,12 +22,14 @@ from ..page.stages import StageClock
 from ..stats.evidence import evidence
 from ..stats.reliability import THETAS
 from ..stats.right_exponent import SIMULATIONS as RIGHT_EXPONENTS
+from ..stats.right_model import SIMULATIONS
 from ..stats.target_error import FEWEST, TargetError, session_curves, target_error
-from .checks import audit_checks, count_replicates
+from .checks import REPLICATES, audit_checks, count_replicates
 from .dependence.drift import against_drift, contrasts, recorded_time
 from .dependence.strata import evenly, strata
 from .dependence.taxels import taxel_dependence
 from .dependence.times import time_dependence
+from .detectable import SIMULATIONS as DESIGN_SIMULATIONS
 from .detectable import Detectable, enough
 from .guarantees import PromiseTest, exceeded, guarantees
 from .leakage.run import Leakage, leakage
@@ -47,7 +50,11 @@ MOST_TAPS = 60
 
 @dataclass(frozen=True)
 class AuditSettings:
-    """Everything that changes the numbers of an audit, see `report.audit`; `setting` is how perception is done now."""
+    """Everything that changes the numbers of an audit, see `report.audit`; `setting` is how perception is done now.
+
+    Intervals are from so many `resamples` of the measuring taps, checks of predictions from so many `replicates`, and
+    beliefs are compared with so many `simulations` of a correct model, tuned exponents with `tuned_simulations`.
+    """
 
     setting: Setting = field(default_factory=Setting)
     target_error: float | None = None
@@ -57,6 +64,10 @@ class AuditSettings:
     permutations: int = 999
     trials: int = 4000
     seed: int = 0
+    resamples: int = RESAMPLES
+    replicates: int = REPLICATES
+    simulations: int = SIMULATIONS
+    tuned_simulations: int = RIGHT_EXPONENTS
 
 
 class Recalibrated(NamedTuple):
@@ -173,15 +184,24 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
         remedies, refused = make_remedies(
             parts.train, parts.tune, grid, setting, SEQUENCE, seed, advance, settings.models
         )
-    with clock.stage("Tuning on taps of a correct model", RIGHT_EXPONENTS) as advance:
-        remedies = beside_right(remedies, parts.train, parts.tune, SEQUENCE, seed, advance)
+    with clock.stage("Tuning on taps of a correct model", settings.tuned_simulations) as advance:
+        remedies = beside_right(remedies, parts.train, parts.tune, SEQUENCE, seed, advance, settings.tuned_simulations)
     base = remedies[0]
     with clock.stage("Decomposing the variance"):
         split, no_split, p = _split(parts, grid, base, settings, suspects)
-    with clock.stage("Checking predictions", count_replicates(taps)) as advance:
-        checks = audit_checks(taps, _histograms(base.model), seed, progress=advance)
-    with clock.stage("Measuring remedies", count_measurements(remedies)) as advance:
-        measured = measure(remedies, parts.measure, SEQUENCE, settings.trials, seed, advance)
+    with clock.stage("Checking predictions", count_replicates(taps, settings.replicates)) as advance:
+        checks = audit_checks(taps, _histograms(base.model), seed, settings.replicates, advance)
+    with clock.stage("Measuring remedies", count_measurements(remedies, settings.simulations)) as advance:
+        measured = measure(
+            remedies,
+            parts.measure,
+            SEQUENCE,
+            settings.trials,
+            seed,
+            advance,
+            resamples=settings.resamples,
+            simulations=settings.simulations,
+        )
     with clock.stage("Checking error bounds"):
         promised, broken = _promises(base, parts.measure, grid, settings, measured.policy)
     with clock.stage("Tuning thresholds", 2) as advance:
@@ -221,7 +241,15 @@ def _enough(base: Remedy, measured: Measured, settings: AuditSettings, clock: St
         return []
     with clock.stage("Estimating detectable miscalibration"):
         trials, seed = settings.trials // 2, settings.seed
-        return enough(base.model, measured.table, settings.setting, measured.policy, trials, seed)
+        return enough(
+            base.model,
+            measured.table,
+            settings.setting,
+            measured.policy,
+            trials,
+            seed,
+            min(settings.simulations, DESIGN_SIMULATIONS),
+        )
 
 
 def samples_per_bin(model: TapModel) -> float:
@@ -273,6 +301,7 @@ def _promises(
         settings.seed,
         play=setting.play,
         trials=settings.trials,
+        resamples=settings.resamples,
     )
     return found, exceeded(
         found,
@@ -282,6 +311,7 @@ def _promises(
         setting.play.threshold,
         play=setting.play,
         trials=settings.trials // 2,
+        simulations=settings.simulations,
     )
 
 

@@ -222,6 +222,8 @@ def _log_mean(table: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
 
 def _session_folds(train: TapSet, test: TapSet, most: int, one_recording: bool) -> tuple[list[GroupFold], str]:
     test = test if one_recording else _renumbered(train, test)
+    if most == 1 and not np.isin(test.session, train.session).any():
+        return [GroupFold("TEST", train, test)], "Each session of TEST was predicted from TRAIN, and none of TRAIN."
     try:
         pooled = concatenate([train, test])
     except InputError as error:
@@ -230,7 +232,7 @@ def _session_folds(train: TapSet, test: TapSet, most: int, one_recording: bool) 
     sessions = np.unique(pooled.session)
     if len(sessions) < 2:
         return [], "No session can be left out, because there is only one."
-    groups = _groups(sessions, most)
+    groups = _groups(sessions, max(most, 2))
     folds = []
     for group in groups:
         left_out = np.isin(pooled.session, group)

@@ -8,6 +8,7 @@ from typing import Any
 import xarray as xr
 
 from ...inference.moves.control import check_fixation
+from ...inference.trials.resampling import RESAMPLES
 from ...inference.trials.run import checked_thresholds
 from ...models.errors import InputError, check_counts
 from ...models.grid import ClassGrid
@@ -21,6 +22,7 @@ from ...models.splits import Split, load_experiment
 from ..experiment.data_warnings import fold_warnings
 from ..page.page import Page, Row
 from ..page.report import StudyReport
+from ..stats.checks import REPLICATES
 from .page import comparison_page, comparison_tree
 from .run import CompareSettings, Comparison, compare_models
 from .summary import summarise
@@ -89,6 +91,8 @@ def compare(
     play: PlaySettings = PlaySettings(),
     leave_out: str = "session",
     folds: int = 6,
+    resamples: int = RESAMPLES,
+    replicates: int = REPLICATES,
     seed: int = 0,
     progress: Progress = no_progress,
     command: str = "",
@@ -108,7 +112,10 @@ def compare(
         play: How trials are played.
         leave_out: What models predict from the rest: each `session`, or each `position` or `object` of the test taps,
             on whose taps the models were not trained.
-        folds: The most folds; more sessions, positions or objects are left out in groups.
+        folds: The most folds; more sessions, positions or objects are left out in groups. With one, sessions of the
+            test taps alone are predicted, and no model is fitted again.
+        resamples: Of the test taps, for intervals of beliefs and decisions.
+        replicates: Of the training taps from each model, for predictive checks.
         seed: Random seed.
         progress: Called with the name and size of every stage; returns the function that advances it.
         command: The command line, for the page.
@@ -139,6 +146,8 @@ def compare(
         one_recording=len(data) == 1,
         leave_out=leave_out,
         folds=folds,
+        resamples=resamples,
+        replicates=replicates,
     )
     found = compare_models(fold.train, fold.test, grid, settings, progress)
     described = _described(data, parts, grid, dropped, found.test_taps, command)

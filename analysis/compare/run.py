@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from ...inference.trials.records import TapTable, tap_table
+from ...inference.trials.resampling import RESAMPLES
 from ...inference.trials.run import THRESHOLDS
 from ...inference.tuning.tempering import fit_tempered
 from ...models.errors import InputError
@@ -27,6 +28,7 @@ from .groups import UNITS, GroupFold, folds_of, known_taps, said, score_kinds, s
 from .taps import TapScores, join_scores, leave_one_tap_out, mean_scores, relative_elpd, stacked
 
 _FEWEST_DRAWS = 100
+FEWEST_RESAMPLES = 2
 
 
 @dataclass(frozen=True)
@@ -34,7 +36,9 @@ class CompareSettings:
     """Everything that changes the numbers of a comparison, see `report.compare`.
 
     With `one_recording`, sessions of the same number in training and test taps are the same session. Groups left out
-    are sessions, positions or objects, `leave_out`, in at most `folds` folds.
+    are sessions, positions or objects, `leave_out`, in at most `folds` folds. Of sessions one fold is TEST alone, for
+    which no model is fitted again. Intervals of what models classify and decide are from so many `resamples` of the
+    test taps, and predictive checks from so many `replicates` of each model.
     """
 
     models: tuple[str, ...]
@@ -47,6 +51,8 @@ class CompareSettings:
     one_recording: bool = False
     leave_out: str = "session"
     folds: int = 6
+    resamples: int = RESAMPLES
+    replicates: int = REPLICATES
 
 
 class Comparison(NamedTuple):
@@ -115,12 +121,12 @@ def compare_models(
         missing.append("Predictive checks are left out, because training taps have missing samples.")
     if settings.draws and not incomplete:
         known = known_taps(train, grid, np.all([f.model.trained for f in fits.values()], axis=0))
-        with clock.stage("Predictive checks", len(fits) * REPLICATES) as advance:
-            checks = predictive_checks(fits, known, settings.seed, progress=advance)
+        with clock.stage("Predictive checks", len(fits) * settings.replicates) as advance:
+            checks = predictive_checks(fits, known, settings.seed, settings.replicates, advance)
     with clock.stage("Scoring beliefs", len(fits)) as advance:
         tables = _tables(fits, shared, advance)
-        classes = class_scores(tables, settings.seed)
-    with clock.stage("Playing trials", planned(len(tables), grid, settings.trials)) as advance:
+        classes = class_scores(tables, settings.seed, resamples=settings.resamples)
+    with clock.stage("Playing trials", planned(len(tables), grid, settings.trials, settings.resamples)) as advance:
         played = play_models(
             tables,
             grid,
@@ -128,6 +134,7 @@ def compare_models(
             settings.trials,
             settings.seed,
             play=settings.play,
+            resamples=settings.resamples,
             progress=advance,
         )
     return Comparison(
@@ -161,8 +168,12 @@ def _check(settings: CompareSettings) -> None:
         raise InputError(f"--draws must be 0, or {_FEWEST_DRAWS} or more to look at tails, got {settings.draws}.")
     if settings.leave_out not in UNITS:
         raise InputError(f"--leave-out must be one of {', '.join(UNITS)}, got {settings.leave_out!r}.")
-    if settings.folds < 2:
-        raise InputError(f"--folds must be at least 2, got {settings.folds}.")
+    least = 1 if settings.leave_out == "session" else 2
+    if settings.folds < least:
+        raise InputError(f"--folds must be at least {least}, got {settings.folds}.")
+    for name in ("resamples", "replicates"):
+        if getattr(settings, name) < FEWEST_RESAMPLES:
+            raise InputError(f"{name} must be at least {FEWEST_RESAMPLES}, got {getattr(settings, name)}.")
     in_states = [name for name in settings.models if split_name(name)[1]]
     if settings.play.border == "prior" and in_states:
         raise InputError(

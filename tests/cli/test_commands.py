@@ -3,6 +3,7 @@
 import importlib
 import subprocess
 import sys
+from inspect import signature
 
 import numpy as np
 import pytest
@@ -452,7 +453,7 @@ def test_a_model_refuses_taps_prepared_otherwise(command, tmp_path, make_taps):
 @pytest.mark.parametrize(
     ("name", "given", "least"),
     [
-        ("compare", {"draws": 100, "trials": 1000, "folds": 3}, {"draws": 0, "trials": 7, "folds": 2}),
+        ("compare", {"draws": 100, "trials": 1000, "folds": 1}, {"draws": 0, "trials": 7, "folds": 1}),
         ("audit", {"trials": 1000, "permutations": 199}, {"trials": 100, "permutations": 99}),
     ],
 )
@@ -463,12 +464,16 @@ def test_a_preview_takes_less_of_everything(command, monkeypatch, taps_file, nam
         seen.append(settings)
         raise InputError("enough")
 
-    seen = []
-    monkeypatch.setattr(importlib.import_module(f"solidtouch.analysis.{name}.report"), name, caught)
+    seen, module = [], importlib.import_module(f"solidtouch.analysis.{name}.report")
+    usual = signature(getattr(module, name)).parameters
+    monkeypatch.setattr(module, name, caught)
     words = [word for option, value in least.items() for word in (f"--{option}", value)]
     for more in ((), ("--quick",), ("--quick", *words)):
         assert command(name, taps_file, *more).err.endswith("enough\n")
 
+    fewer = {option: value for option, value in seen[1].items() if option not in seen[0]}
+    assert {"resamples", "replicates"} <= fewer.keys()
+    assert all(usual[option].default > value for option, value in fewer.items())
     full, quick, small = ({option: settings[option] for option in given} for settings in seen)
     assert all(full[option] > quick[option] for option in given)
     assert (quick, small) == (given, least)

@@ -7,12 +7,11 @@ import numpy as np
 import numpyro
 import numpyro.distributions as dist
 import pytest
-from solidtouch.analysis.audit import remedies, remedy_scores
+from solidtouch.analysis.audit import remedies
 from solidtouch.analysis.audit.remedies import BASELINE, FINER, MODELS, count_remedies, make_remedies
 from solidtouch.analysis.audit.remedy_scores import count_measurements, lost, measure
 from solidtouch.analysis.audit.verdict import worthwhile
 from solidtouch.analysis.stats.decisions import spread_of
-from solidtouch.analysis.stats.right_model import reference_factors
 from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.hardware.simulator.settings import PAPER_RODS, preset
 from solidtouch.inference.trials.resampling import USED_UP_SELECTED
@@ -43,11 +42,8 @@ def made(sessions):
     return remedies, refused, sum(told)
 
 
-@pytest.fixture
-def rough(monkeypatch):
-    """Few data sets of a right model."""
-    monkeypatch.setattr(remedy_scores, "SIMULATIONS", 9)
-    monkeypatch.setattr(remedy_scores, "reference_factors", partial(reference_factors, simulations=9))
+few = partial(measure, simulations=9)
+"""With few data sets of a right model."""
 
 
 @pytest.fixture(scope="module")
@@ -122,13 +118,13 @@ def test_the_finer_grid_has_twice_as_many_positions(made):
     assert all(remedy.grid.shape == (4, 3) for remedy in made[0][:-1])
 
 
-def test_a_fixation_point_stays_where_it_is(measured, sessions, rough):
+def test_a_fixation_point_stays_where_it_is(measured, sessions):
     """On the finer grid it has another index; in measurements it is the setting's, not the middle."""
     at_end = SETTING.changed(fixation=3)
     grid = sessions[0].grid()
     remedies, _ = make_remedies(sessions[0], [sessions[1]], grid, at_end, TAPS, 0, lambda _: None)
     assert [remedy.setting.play.fixation for remedy in remedies] == [3] * 6 + [6]
-    found = measure(remedies[:1], sessions[2], TAPS, 200, 0, lambda _: None)
+    found = few(remedies[:1], sessions[2], TAPS, 200, 0, lambda _: None)
     assert found.taps != measured.taps
     assert found.scores[0].taps != measured.scores[0].taps
 
@@ -163,14 +159,14 @@ def test_places_that_do_not_vary_need_no_finer_grid():
     assert [(item.name, "lie at the same position" in item.reason) for item in refused] == [(FINER, True)]
 
 
-def test_a_remedy_compared_with_itself_gains_nothing(made, sessions, rough):
+def test_a_remedy_compared_with_itself_gains_nothing(made, sessions):
     """Neither in log score nor in errors, and nothing is lost against it.
 
     What trials that ran out of taps would have come to is not known, not even that it is the same.
     """
     base = made[0][0]
     told = []
-    found = measure([base, base._replace(name="the same")], sessions[2], TAPS, 200, 0, told.append)
+    found = few([base, base._replace(name="the same")], sessions[2], TAPS, 200, 0, told.append)
     same = found.scores[1]
     assert same.gain == (0, 0, 0)
     assert same.sure_gain == 0
@@ -182,29 +178,29 @@ def test_a_remedy_compared_with_itself_gains_nothing(made, sessions, rough):
         == (found.scores[0])
     )
     assert lost(found)["model"] is None
-    assert sum(told) == 4 + 9 == count_measurements([base, base])
+    assert sum(told) == 4 + 9 == count_measurements([base, base], 9)
 
 
 @pytest.mark.parametrize("factor", [1 + 1e-14, 1 - 1e-14])
-def test_a_gain_by_rounding_is_none(made, sessions, factor, rough):
+def test_a_gain_by_rounding_is_none(made, sessions, factor):
     """A remedy whose exponent differs in the last digits gains nothing either way, and so does not help."""
     base = made[0][0]
     near = base._replace(name="near", model=replace(base.model, power=factor / 50))
-    found = measure([base, near], sessions[2], TAPS, 200, 0, lambda _: None)
+    found = few([base, near], sessions[2], TAPS, 200, 0, lambda _: None)
     assert found.scores[1].log_score != found.scores[0].log_score
     assert (found.scores[1].gain, found.scores[1].sure_gain) == ((0, 0, 0), 0)
     assert not worthwhile(found, found.scores[1])
     assert lost(found)["model"] is None
 
 
-def test_scores_after_one_tap_are_those_of_bayes_rule(made, sessions, rough):
+def test_scores_after_one_tap_are_those_of_bayes_rule(made, sessions):
     """With one tap per class the score is the mean log belief in the object by the paper's equations written out."""
     base, sharper = made[0][0], made[0][1]
     test = sessions[2]
     one = test.select(
         [np.flatnonzero((test.what == m) & (np.floor(test.where) == 6 + l))[0] for l in range(4) for m in range(3)]
     )
-    found = measure([base, sharper], one, TAPS, 100, 0, lambda _: None)
+    found = few([base, sharper], one, TAPS, 100, 0, lambda _: None)
     assert found.n == 1
     model = base.model
     where, what = one.indices(base.grid)
@@ -294,16 +290,16 @@ def test_what_is_lost_is_the_gain_of_the_best(measured):
     assert lost(nothing) == {"model": None, "error": 0.0, "low": None, "high": None, "taps": None}
 
 
-def test_a_passive_setting_is_measured_passive(made, sessions, rough):
+def test_a_passive_setting_is_measured_passive(made, sessions):
     base = made[0][0]
     passive = base._replace(setting=SETTING.changed(passive=True))
-    assert measure([passive], sessions[2], TAPS, 100, 0, lambda _: None).policy == "passive"
+    assert few([passive], sessions[2], TAPS, 100, 0, lambda _: None).policy == "passive"
 
 
-def test_results_repeat_with_the_seed(made, sessions, rough):
+def test_results_repeat_with_the_seed(made, sessions):
     """Of both the tuning and the measurement."""
     some = made[0][:2]
-    one, again, other = (measure(some, sessions[2], TAPS, 100, seed, lambda _: None).scores for seed in (3, 3, 4))
+    one, again, other = (few(some, sessions[2], TAPS, 100, seed, lambda _: None).scores for seed in (3, 3, 4))
     assert one == again
     assert one != other
 

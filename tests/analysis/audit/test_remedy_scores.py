@@ -76,7 +76,7 @@ def test_log_beliefs_are_means_over_classes_with_taps():
     """Each counts alike, however many taps it has, and one without any does not; resamples follow."""
     table, remedy, grid, taps = two_positions(9, 0, 4)
     (means,) = _log_beliefs([(table, remedy)], table, grid=grid, taps=taps, n=1, seed=0)
-    assert means.shape == (1 + 3 * remedy_scores._RESAMPLES,)
+    assert means.shape == (1 + 3 * remedy_scores.RESAMPLES,)
     assert means == pytest.approx(np.full(len(means), (np.log(0.8) + np.log(0.3)) / 2))
     two = [p[0] ** 2 / np.sum(np.square(p)) for p in ([0.8, 0.1, 0.1], [0.3, 0.1, 0.6])]
     (means,) = _log_beliefs([(table, remedy)], table, grid=grid, taps=taps, n=2, seed=0)
@@ -90,10 +90,10 @@ def test_log_beliefs_are_those_of_the_resampled_taps():
     table = table._replace(log_likelihood=values)
     (means,) = _log_beliefs([(table, remedy)], table, grid=grid, taps=taps, n=1, seed=3)
     exact = []
-    for pool in thinned_pools(table, remedy_scores._RESAMPLES, 3):
+    for pool in thinned_pools(table, remedy_scores.RESAMPLES, 3):
         own = _log_belief(table, remedy, grid, taps.indices(grid), pool.order[:, None])
         exact.append(np.mean([own[np.asarray(taps.indices(0)[0])[pool.order] == l].mean() for l in range(3)]))
-    assert np.corrcoef(means[1 : 1 + remedy_scores._RESAMPLES], exact[1:])[0, 1] > 0.5
+    assert np.corrcoef(means[1 : 1 + remedy_scores.RESAMPLES], exact[1:])[0, 1] > 0.5
     assert means[0] == pytest.approx(exact[0], abs=0.25)
 
 
@@ -114,7 +114,7 @@ def test_estimate_and_halves_are_of_so_many_disjoint_sequences():
     table = table._replace(log_likelihood=values)
     generator = seeds.generator(3, seeds.Purpose.REMEDY_SCORES)
     halves = []
-    for i, pool in enumerate(thinned_pools(table, remedy_scores._RESAMPLES, 3)):
+    for i, pool in enumerate(thinned_pools(table, remedy_scores.RESAMPLES, 3)):
         each = remedy_scores._RESAMPLE_SEQUENCES if i else remedy_scores._SEQUENCES
         drawn, weight = _sequences(pool, 2, each, generator)
         belief = weight * _log_belief(table, remedy, grid, taps.indices(grid), drawn)

@@ -50,6 +50,18 @@ def test_every_session_is_left_out_once():
     assert "Each session of TRAIN and TEST" in sentence
 
 
+def test_one_fold_is_the_sessions_of_the_test_taps():
+    """So no model is fitted again; unless both sets share a session."""
+    train, test = make_taps(0, 2), make_taps(1, 2)
+    folds, sentence = folds_of("session", train, test, train.grid(), 1)
+    assert [fold.train for fold in folds] == [train]
+    assert len(folds[0].test) == len(test)
+    assert "none of TRAIN" in sentence
+    parts = train.select(np.arange(36)), train.select(np.arange(36, 48))
+    shared = folds_of("session", *parts, train.grid(), 1, one_recording=True)[0]
+    assert len(shared) == 2
+
+
 def test_sessions_of_two_recordings_are_told_apart():
     """Session 0 of two files is two sessions, that of one file divided between both is one."""
     whole = make_taps(0, 1)
