@@ -1,6 +1,7 @@
 """Comparison of measurement models on the same taps at three levels: taps, classes and decisions."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -13,13 +14,14 @@ from ...inference.trials.run import THRESHOLDS
 from ...inference.tuning.tempering import fit_tempered
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
+from ...models.measurement.draws import by_numpyro
 from ...models.measurement.likelihood.bins import bin_edges
 from ...models.measurement.model import BINS, Fitted
 from ...models.measurement.registry import fit_model, split_name, suited
 from ...models.progress import Progress
 from ...models.settings import FitSettings, PlaySettings
 from ...models.taps import TapSet
-from ...models.threads import one_blas_thread
+from ...models.threads import cores, one_blas_thread
 from ..page.stages import StageClock
 from ..stats.checks import REPLICATES, predictive_checks
 from ..stats.decisions import at_equal_taps, decision_curves, planned, play_models
@@ -262,8 +264,11 @@ def _leave_out_groups(
             refitted = _refit(fits, fold, train, grid, fit, failed)
             shared = np.all([said(fitted.model.trained, unit) for fitted in refitted.values()], axis=0)
             taps = known_taps(fold.test, grid, shared)
-            for name, fitted in refitted.items():
-                for kind, part in score(fitted, taps, fits[name].model.exponent).items():
+            scored = _side_by_side(
+                refitted, lambda name, fitted, taps=taps: score(fitted, taps, fits[name].model.exponent)
+            )
+            for name, parts in scored:
+                for kind, part in parts.items():
                     scores.setdefault(kind, {}).setdefault(name, []).append(part)
                 advance(1)
     whole = {
@@ -293,12 +298,31 @@ def _refit(
     """The models fitted to the training taps of a fold; their power does not matter for taps."""
     if fold.train is train:
         return fits
-    fit, refitted = fit.changed(power="none"), {}
-    for name in fits:
+    fit = fit.changed(power="none")
+
+    def fitted(name: str, _: Fitted) -> Fitted | str:
         try:
-            refitted[name] = fit_model(name, fold.train, grid, suited(name, fit))
+            return fit_model(name, fold.train, grid, suited(name, fit))
         except InputError as error:
-            failed.setdefault(name, f"without {fold.name}, {error}")
+            return f"without {fold.name}, {error}"
+
+    found = list(_side_by_side(fits, fitted))
+    for name, why in found:
+        if isinstance(why, str):
+            failed.setdefault(name, why)
+    refitted = {name: one for name, one in found if not isinstance(one, str)}
     if not refitted:
         raise InputError(f"No model can be fitted without {fold.name}.")
     return refitted
+
+
+def _side_by_side[T](fits: Mapping[str, Fitted], work: Callable[[str, Fitted], T]) -> Iterator[tuple[str, T]]:
+    """What is done with each model, several at a time; NumPyro runs models in one thread at a time, here this one."""
+    alone = [name for name, one in fits.items() if by_numpyro(one.model) or hasattr(one.posterior, "sizes")]
+    with ThreadPoolExecutor(cores(None)) as executor:
+        try:
+            others = {name: executor.submit(work, name, one) for name, one in fits.items() if name not in alone}
+            found = {name: work(name, fits[name]) for name in alone}
+            yield from ((name, found[name] if name in found else others[name].result()) for name in fits)
+        finally:
+            executor.shutdown(cancel_futures=True)
