@@ -5,10 +5,23 @@ from typing import Annotated, Literal
 
 from typer import Option
 
+from ..analysis.tasks.crew import PATIENCE_S
 from ..models.measurement.registry import NAMES
 from ..models.settings import Division, FitSettings, PlaySettings
 from .shared.interrupt import loading
-from .shared.options import DIVIDED, FITTING, Data, Fields, Force, Seed, Thresholds, parse_thresholds, spelled_out
+from .shared.options import (
+    DIVIDED,
+    FITTING,
+    Data,
+    Fields,
+    Force,
+    Patience,
+    Scheduler,
+    Seed,
+    Thresholds,
+    parse_thresholds,
+    spelled_out,
+)
 from .shared.report import command_line, report_folder, show_report
 
 _QUICK_DRAWS, _QUICK_TRIALS, _QUICK_FOLDS = 100, 1000, 3
@@ -53,6 +66,8 @@ def compare(
             f"{_QUICK_FOLDS} groups of positions or objects.",
         ),
     ] = False,
+    scheduler: Scheduler = None,
+    patience: Patience = PATIENCE_S,
     seed: Seed = 0,
     force: Force = False,
 ) -> None:
@@ -79,6 +94,8 @@ def compare(
             leave_out=leave_out,
             folds=folds,
             **(_QUICK if quick else {}),
+            scheduler=scheduler,
+            patience=patience,
             seed=seed,
             progress=progress,
             command=command_line(),

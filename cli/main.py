@@ -144,13 +144,14 @@ def run() -> None:
 
 @contextmanager
 def _without_dask() -> Iterator[None]:
-    """Hides dask inside the block, unless a sweep needs it or xarray or dask is already imported.
+    """Hides dask inside the block, unless a sweep or a cluster needs it or xarray or dask is already imported.
 
     xarray imports dask if it is installed, even for plain arrays, which takes as long as a short command. It does so
     on its own import, so dask must not be hidden after that.
     """
     modules: dict[str, Any] = sys.modules
-    hidden = "sweep" not in sys.argv and not {"dask", "xarray"} & modules.keys()
+    needed = any(word == "sweep" or word.startswith("--scheduler") for word in sys.argv)
+    hidden = not needed and not {"dask", "xarray"} & modules.keys()
     if hidden:
         modules["dask"] = None  # makes imports of it fail
     try:

@@ -5,9 +5,19 @@ from typing import Annotated
 
 from typer import Argument, Option
 
+from ..analysis.tasks.crew import PATIENCE_S
 from ..models.settings import Division
 from .shared.interrupt import loading
-from .shared.options import CELLS, Fields, Force, Seed, Workers, spelled_out
+from .shared.options import (
+    CELLS,
+    Fields,
+    Force,
+    Patience,
+    Scheduler,
+    Seed,
+    Workers,
+    spelled_out,
+)
 from .shared.report import command_line, report_folder, show_report
 
 _FEWEST_TRIALS, _QUICK_DATA_SETS, _QUICK_TRIALS = 50, 4, 300
@@ -43,6 +53,8 @@ def sensitivity(
         ),
     ] = False,
     workers: Workers = None,
+    scheduler: Scheduler = None,
+    patience: Patience = PATIENCE_S,
     seed: Seed = 0,
     force: Force = False,
 ) -> None:
@@ -63,6 +75,8 @@ def sensitivity(
             trials=trials,
             strongest=strongest,
             workers=workers,
+            scheduler=scheduler,
+            patience=patience,
             seed=seed,
             progress=progress,
             command=command_line(),

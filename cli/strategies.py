@@ -5,10 +5,20 @@ from typing import Annotated
 
 from typer import Argument, Option
 
+from ..analysis.tasks.crew import PATIENCE_S
 from ..models.errors import InputError
 from ..models.settings import Division
 from .shared.interrupt import loading
-from .shared.options import CELLS, Fields, Force, Seed, Workers, spelled_out
+from .shared.options import (
+    CELLS,
+    Fields,
+    Force,
+    Patience,
+    Scheduler,
+    Seed,
+    Workers,
+    spelled_out,
+)
 from .shared.report import command_line, report_folder, show_report
 
 _FEWEST_TRIALS, _QUICK_DATA_SETS, _QUICK_TRIALS = 50, 3, 50
@@ -53,6 +63,8 @@ def strategies(
         ),
     ] = None,
     workers: Workers = None,
+    scheduler: Scheduler = None,
+    patience: Patience = PATIENCE_S,
     seed: Seed = 0,
     force: Force = False,
 ) -> None:
@@ -78,6 +90,8 @@ def strategies(
             trials=trials,
             regret=(QUICK_TRIALS if quick else TRIALS) if regret else 0,
             workers=workers,
+            scheduler=scheduler,
+            patience=patience,
             seed=seed,
             progress=progress,
             command=command_line(),

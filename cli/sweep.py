@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ..analysis.tasks.crew import PATIENCE_S
 from .shared.interrupt import loading, terminable
+from .shared.options import Patience, Scheduler
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -28,12 +30,8 @@ def sweep(
     workers: Annotated[
         int | None, typer.Option(min=1, help="Processes on this machine; default: one per core.", show_default=False)
     ] = None,
-    scheduler: Annotated[
-        str | None, typer.Option(metavar="ADDRESS", help="Run on the Dask cluster with this scheduler.")
-    ] = None,
-    patience: Annotated[
-        float, typer.Option(metavar="S", min=0.0, help="Seconds to wait for a lost scheduler or lost workers.")
-    ] = 300.0,
+    scheduler: Scheduler = None,
+    patience: Patience = PATIENCE_S,
     retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Run cells again that failed before.")] = False,
 ) -> None:
     """Run all unfinished cells of STUDY and save each as it finishes; exit code 1 if some failed."""

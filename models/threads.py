@@ -3,11 +3,32 @@
 import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from contextlib import contextmanager
-from threading import Event
+from threading import Event, local
+from typing import Any
 
 from .errors import InputError
+
+
+class _Here(local):
+    """What holds in this thread: whether it has one core, and what says that its results are no longer wanted."""
+
+    one_core = False
+    unwanted: tuple[Event, ...] = ()
+
+
+_here = _Here()
+
+
+@contextmanager
+def one_core() -> Iterator[None]:
+    """Has work in the block use one core by default, as others are busy with work of the same kind."""
+    before, _here.one_core = _here.one_core, True
+    try:
+        yield
+    finally:
+        _here.one_core = before
 
 
 def cores(workers: int | None) -> int:
@@ -16,6 +37,8 @@ def cores(workers: int | None) -> int:
     Raises:
         InputError: The number is below 1.
     """
+    if workers is None and _here.one_core:
+        return 1
     if workers is None:
         workers = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     if workers < 1:
@@ -23,31 +46,55 @@ def cores(workers: int | None) -> int:
     return workers
 
 
-def in_order[T](tasks: Iterable[Callable[[], T]], workers: int, unwanted: Event | None = None) -> Iterator[T]:
-    """Results of tasks in their order, computed a few at a time.
+def in_order[T](
+    tasks: Iterable[Callable[[], T]],
+    workers: int,
+    alone: Callable[[Any], bool] = lambda task: False,  # noqa: ARG005
+) -> Iterator[T]:
+    """Results of tasks in their order, computed a few at a time; long ones should call `check_wanted`.
 
     Args:
         tasks: The tasks.
         workers: Number of threads.
-        unwanted: Set when no more results are wanted, as after Ctrl-C; long tasks should check it.
+        alone: Tasks that must run in the thread that takes the results.
     """
     if workers == 1:
         yield from (task() for task in tasks)
         return
-    waiting: deque[Future[T]] = deque()
+    waiting: deque[Future[T] | Callable[[], T]] = deque()
+    unwanted = *_here.unwanted, Event()
+
+    def work(task: Callable[[], T]) -> T:
+        _here.unwanted = unwanted
+        return task()
+
+    def result() -> T:
+        first = waiting.popleft()
+        return first.result() if isinstance(first, Future) else first()
+
     with ThreadPoolExecutor(workers) as executor:
         try:
             for task in tasks:
-                waiting.append(executor.submit(task))
+                waiting.append(task if alone(task) else executor.submit(work, task))
                 if len(waiting) > 2 * workers:
-                    yield waiting.popleft().result()
+                    yield result()
             while waiting:
-                yield waiting.popleft().result()
+                yield result()
         finally:
-            if unwanted is not None:
-                unwanted.set()
+            unwanted[-1].set()
             for future in waiting:
-                future.cancel()
+                if isinstance(future, Future):
+                    future.cancel()
+
+
+def check_wanted(_: int = 0) -> None:
+    """Ends a task of `in_order` whose results are no longer wanted, as after Ctrl-C.
+
+    Raises:
+        CancelledError: They are not.
+    """
+    if any(unwanted.is_set() for unwanted in _here.unwanted):
+        raise CancelledError
 
 
 @contextmanager

@@ -56,8 +56,9 @@ EDGES = {
     ),
     "arviz_plots": ("analysis/audit/figures_checks.py",),
     "arviz_stats": ("analysis/compare/taps.py",),
-    "dask": ("analysis/sweep/dask.py",),
-    "distributed": ("analysis/sweep/dask.py",),
+    "cloudpickle": ("models/measurement/fits/portable.py",),
+    "dask": ("analysis/tasks/dask.py",),
+    "distributed": ("analysis/tasks/dask.py",),
     "h5netcdf": ("models/blocks.py",),
     "h5py": ("models/io/mat.py", "models/storage.py"),
     "jax": (

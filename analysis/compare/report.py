@@ -23,6 +23,7 @@ from ..experiment.data_warnings import fold_warnings
 from ..page.page import Page, Row
 from ..page.report import StudyReport
 from ..stats.checks import REPLICATES
+from ..tasks.crew import PATIENCE_S, crew_of
 from .page import comparison_page, comparison_tree
 from .run import CompareSettings, Comparison, compare_models
 from .summary import summarise
@@ -93,6 +94,8 @@ def compare(
     folds: int = 6,
     resamples: int = RESAMPLES,
     replicates: int = REPLICATES,
+    scheduler: str | None = None,
+    patience: float = PATIENCE_S,
     seed: int = 0,
     progress: Progress = no_progress,
     command: str = "",
@@ -116,6 +119,8 @@ def compare(
             test taps alone are predicted, and no model is fitted again.
         resamples: Of the test taps, for intervals of beliefs and decisions.
         replicates: Of the training taps from each model, for predictive checks.
+        scheduler: Address of a Dask scheduler, to fit and judge models on its cluster.
+        patience: Seconds to wait for a lost scheduler or lost workers.
         seed: Random seed.
         progress: Called with the name and size of every stage; returns the function that advances it.
         command: The command line, for the page.
@@ -124,6 +129,7 @@ def compare(
         InputError: The taps or a setting cannot be used.
     """
     check_counts(trials=trials)
+    crew = None if scheduler is None else crew_of(scheduler, None, patience)
     check_counts(0, draws=draws, seed=seed)
     names = model_names(models)
     parts, grid = load_experiment(data, division)
@@ -149,7 +155,7 @@ def compare(
         resamples=resamples,
         replicates=replicates,
     )
-    found = compare_models(fold.train, fold.test, grid, settings, progress)
+    found = compare_models(fold.train, fold.test, grid, settings, progress, crew)
     described = _described(data, parts, grid, dropped, found.test_taps, command)
     return ComparisonReport(found, summarise(found, settings, described))
 

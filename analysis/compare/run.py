@@ -1,12 +1,14 @@
 """Comparison of measurement models on the same taps at three levels: taps, classes and decisions."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+import time
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from ...inference.trials.records import TapTable, tap_table
 from ...inference.trials.resampling import RESAMPLES
@@ -15,16 +17,20 @@ from ...inference.tuning.tempering import fit_tempered
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
 from ...models.measurement.draws import by_numpyro
+from ...models.measurement.fits.portable import PortableFit
+from ...models.measurement.generic.source import all_registered, take_over
 from ...models.measurement.likelihood.bins import bin_edges
 from ...models.measurement.model import BINS, Fitted
 from ...models.measurement.registry import fit_model, split_name, suited
-from ...models.progress import Progress
+from ...models.progress import Progress, ShownHere
 from ...models.settings import FitSettings, PlaySettings
 from ...models.taps import TapSet
-from ...models.threads import cores, one_blas_thread
+from ...models.threads import one_blas_thread
 from ..page.stages import StageClock
 from ..stats.checks import REPLICATES, predictive_checks
 from ..stats.decisions import at_equal_taps, decision_curves, planned, play_models
+from ..tasks.crew import ONE_BY_ONE, Crew, on_threads
+from ..tasks.kept import Kept
 from .classes import class_scores
 from .groups import UNITS, GroupFold, folds_of, known_taps, said, score_kinds, scorer
 from .taps import TapScores, join_scores, leave_one_tap_out, mean_scores, relative_elpd, stacked
@@ -103,9 +109,17 @@ class Comparison(NamedTuple):
 
 @one_blas_thread()
 def compare_models(
-    train: TapSet, test: TapSet, grid: ClassGrid, settings: CompareSettings, progress: Progress
+    train: TapSet,
+    test: TapSet,
+    grid: ClassGrid,
+    settings: CompareSettings,
+    progress: Progress,
+    crew: Crew | None = None,
 ) -> Comparison:
-    """Fits every model and compares those that can be fitted to the training taps.
+    """Fits every model and compares those that can be fitted to the training taps, here or on a cluster.
+
+    Here models are fitted one after the other; those of groups left out several at a time, but for those of NumPyro,
+    which runs models in one thread at a time.
 
     Raises:
         InputError: No model could be fitted, no test tap belongs to a class that all know, or a setting is wrong.
@@ -114,19 +128,22 @@ def compare_models(
     clock = StageClock(progress)
     edges = _edges(train, grid, settings.fit)
     fit = settings.fit.changed(edges=edges, bins=edges.shape[-1] - 1)
-    fits, learned, refused, seconds = _fit_all(settings.models, train, grid, fit, clock)
+    each = ONE_BY_ONE if crew is None else crew
+    fits, learned, refused, seconds = _fit_all(settings.models, train, grid, fit, clock, each)
     shared = _shared(fits, test)
-    left_out = _leave_out_taps(fits, train, settings, clock)
-    groups, elpd, sentence, missing = _leave_out_groups(fits, train, test, grid, fit, settings, clock)
+    left_out = _leave_out_taps(fits, train, settings, clock, each)
+    groups, elpd, sentence, missing = _leave_out_groups(
+        fits, train, test, grid, fit, settings, clock, crew or on_threads(alone=partial(_of_numpyro, fits))
+    )
     checks, incomplete = None, bool(np.isnan(train.taps).any())
     if settings.draws and incomplete:
         missing.append("Predictive checks are left out, because training taps have missing samples.")
     if settings.draws and not incomplete:
         known = known_taps(train, grid, np.all([f.model.trained for f in fits.values()], axis=0))
         with clock.stage("Predictive checks", len(fits) * settings.replicates) as advance:
-            checks = predictive_checks(fits, known, settings.seed, settings.replicates, advance)
+            checks = predictive_checks(fits, known, settings.seed, settings.replicates, advance, each)
     with clock.stage("Scoring beliefs", len(fits)) as advance:
-        tables = _tables(fits, shared, advance)
+        tables = dict(zip(fits, each(_table, map(PortableFit, fits.values()), shared, advance), strict=True))
         classes = class_scores(tables, settings.seed, resamples=settings.resamples)
     with clock.stage("Playing trials", planned(len(tables), grid, settings.trials, settings.resamples)) as advance:
         played = play_models(
@@ -190,22 +207,44 @@ def _edges(train: TapSet, grid: ClassGrid, fit: FitSettings) -> Any:
     return bin_edges(known.taps, fit.bins, fit.value_range) if fit.edges is None else fit.edges
 
 
+class _Training(NamedTuple):
+    """What is fitted to, and how; with the functions of users that are registered here."""
+
+    taps: TapSet
+    grid: ClassGrid
+    fit: FitSettings
+    functions: dict[str, Any]
+    progress: ShownHere
+
+
+def _fit(name: str, given: _Training) -> tuple[PortableFit | None, str, float]:
+    """A fit, how its power was learned or why there is no fit, and how long it took."""
+    take_over(given.functions)
+    began = time.perf_counter()
+    try:
+        fitted, power = fit_tempered(name, given.taps, given.grid, suited(name, given.fit), progress=given.progress)
+    except InputError as error:
+        return None, str(error), time.perf_counter() - began
+    return PortableFit(fitted), "" if power is None else power.sentence, time.perf_counter() - began
+
+
 def _fit_all(
-    names: Sequence[str], train: TapSet, grid: ClassGrid, fit: FitSettings, clock: StageClock
+    names: Sequence[str], train: TapSet, grid: ClassGrid, fit: FitSettings, clock: StageClock, crew: Crew
 ) -> tuple[dict[str, Fitted], dict[str, str], dict[str, str], dict[str, float]]:
     fits: dict[str, Fitted] = {}
     learned: dict[str, str] = {}
     refused: dict[str, str] = {}
     seconds: dict[str, float] = {}
+    given = _Training(train, grid, fit, all_registered(), ShownHere(clock.progress))
+    results = iter(crew(_fit, names, given))
     for name in names:
-        stage = f"Fitting {name}"
-        with clock.stage(stage):
-            try:
-                fits[name], power = fit_tempered(name, train, grid, suited(name, fit), progress=clock.progress)
-                learned |= {} if power is None else {name: power.sentence}
-            except InputError as error:
-                refused[name] = str(error)
-        seconds[name] = clock.elapsed_s[stage]
+        with clock.stage(f"Fitting {name}"):
+            made, told, seconds[name] = next(results)
+        if made is None:
+            refused[name] = told
+        else:
+            fits[name] = made.fitted
+            learned |= {name: told} if told else {}
     if not fits:
         raise InputError("No model can be fitted. " + " ".join(dict.fromkeys(refused.values())))
     return fits, learned, refused, seconds
@@ -218,16 +257,25 @@ def _shared(fits: dict[str, Fitted], test: TapSet) -> TapSet:
     return known_taps(test, first.grid, np.all([fitted.model.trained for fitted in fits.values()], axis=0))
 
 
-def _tables(fits: dict[str, Fitted], test: TapSet, advance: Callable[[int], None]) -> dict[str, TapTable]:
-    tables = {}
-    for name, fitted in fits.items():
-        tables[name] = tap_table(fitted.model, test)
-        advance(1)
-    return tables
+def _table(made: PortableFit, test: TapSet) -> TapTable:
+    return tap_table(made.fitted.model, test)
+
+
+class _SingleTaps(NamedTuple):
+    """Training taps that are left out one by one, how many draws are taken, and their seed."""
+
+    taps: TapSet
+    draws: int
+    seed: int
+    progress: ShownHere
+
+
+def _leave_out_taps_of(made: PortableFit, given: _SingleTaps) -> xr.Dataset:
+    return leave_one_tap_out(made.fitted, given.taps, given.draws, given.seed, given.progress)
 
 
 def _leave_out_taps(
-    fits: dict[str, Fitted], train: TapSet, settings: CompareSettings, clock: StageClock
+    fits: dict[str, Fitted], train: TapSet, settings: CompareSettings, clock: StageClock, crew: Crew
 ) -> xr.Dataset | None:
     with_posterior = {name: fitted for name, fitted in fits.items() if fitted.posterior is not None}
     if not settings.draws or not with_posterior:
@@ -235,12 +283,42 @@ def _leave_out_taps(
     known = known_taps(
         train, next(iter(fits.values())).model.grid, np.all([f.model.trained for f in fits.values()], axis=0)
     )
-    parts = []
-    for name, fitted in with_posterior.items():
-        with clock.stage(f"Leaving out taps, {name}", settings.draws) as advance:
-            parts.append(leave_one_tap_out(fitted, known, settings.draws, settings.seed, advance))
+    given = _SingleTaps(known, settings.draws, settings.seed, ShownHere())
+    results, parts = iter(crew(_leave_out_taps_of, map(PortableFit, with_posterior.values()), given)), []
+    for name in with_posterior:
+        with clock.stage(f"Leaving out taps, {name}", settings.draws) as given.progress.show:
+            parts.append(next(results))
     names = xr.DataArray(np.array(list(with_posterior), dtype=np.str_), dims="model", name="model")
     return xr.concat(parts, dim=names, join="outer", data_vars="all").assign_attrs(draws=settings.draws)
+
+
+class _Groups(NamedTuple):
+    """How groups are left out; the folds are made once in every process."""
+
+    unit: str
+    train: TapSet
+    test: TapSet
+    grid: ClassGrid
+    fit: FitSettings
+    settings: CompareSettings
+    functions: dict[str, Any]
+    made: Kept[tuple[list[GroupFold], str]]
+
+    def folds(self) -> tuple[list[GroupFold], str]:
+        """See `folds_of`."""
+        most, one_recording = self.settings.folds, self.settings.one_recording
+        how = partial(folds_of, self.unit, self.train, self.test, self.grid, most, one_recording=one_recording)
+        return self.made(None, how)
+
+
+class _Refitted(NamedTuple):
+    """A model without a fold, the classes that are judged, and the exponent of its decisions."""
+
+    fold: int
+    name: str
+    made: PortableFit
+    judged: NDArray[np.bool_]
+    exponent: float
 
 
 def _leave_out_groups(
@@ -251,26 +329,19 @@ def _leave_out_groups(
     fit: FitSettings,
     settings: CompareSettings,
     clock: StageClock,
+    crew: Crew,
 ) -> tuple[xr.Dataset | None, dict[str, Any], str, list[str]]:
     unit = settings.leave_out
-    folds, sentence = folds_of(unit, train, test, grid, settings.folds, one_recording=settings.one_recording)
+    groups = _Groups(unit, train, test, grid, fit, settings, all_registered(), Kept())
+    folds, sentence = groups.folds()
     if not folds:
         return None, {}, sentence, []
-    score = scorer(unit, folds, grid, settings.seed)
     scores: dict[str, dict[str, list[TapScores]]] = {}
     failed: dict[str, str] = {}
     with clock.stage(f"Leaving out {unit}s", len(folds) * len(fits)) as advance:
-        for fold in folds:
-            refitted = _refit(fits, fold, train, grid, fit, failed)
-            shared = np.all([said(fitted.model.trained, unit) for fitted in refitted.values()], axis=0)
-            taps = known_taps(fold.test, grid, shared)
-            scored = _side_by_side(
-                refitted, lambda name, fitted, taps=taps: score(fitted, taps, fits[name].model.exponent)
-            )
-            for name, parts in scored:
-                for kind, part in parts.items():
-                    scores.setdefault(kind, {}).setdefault(name, []).append(part)
-                advance(1)
+        for name, parts in crew(_score, _refits(fits, groups, failed, crew), groups, advance):
+            for kind, part in parts.items():
+                scores.setdefault(kind, {}).setdefault(name, []).append(part)
     whole = {
         kind: {name: join_scores(parts) for name, parts in named.items() if len(parts) == len(folds)}
         for kind, named in scores.items()
@@ -287,42 +358,47 @@ def _leave_out_groups(
     return merged, elpd, sentence, missing
 
 
-def _refit(
-    fits: dict[str, Fitted],
-    fold: GroupFold,
-    train: TapSet,
-    grid: ClassGrid,
-    fit: FitSettings,
-    failed: dict[str, str],
-) -> dict[str, Fitted]:
-    """The models fitted to the training taps of a fold; their power does not matter for taps."""
-    if fold.train is train:
-        return fits
-    fit = fit.changed(power="none")
-
-    def fitted(name: str, _: Fitted) -> Fitted | str:
-        try:
-            return fit_model(name, fold.train, grid, suited(name, fit))
-        except InputError as error:
-            return f"without {fold.name}, {error}"
-
-    found = list(_side_by_side(fits, fitted))
-    for name, why in found:
-        if isinstance(why, str):
-            failed.setdefault(name, why)
-    refitted = {name: one for name, one in found if not isinstance(one, str)}
-    if not refitted:
-        raise InputError(f"No model can be fitted without {fold.name}.")
-    return refitted
+def _refits(fits: dict[str, Fitted], groups: _Groups, failed: dict[str, str], crew: Crew) -> Iterator[_Refitted]:
+    """The models fitted to the training taps of each fold; their power does not matter for taps."""
+    folds, _ = groups.folds()
+    wanted = [(number, name) for number, fold in enumerate(folds) if fold.train is not groups.train for name in fits]
+    results = iter(crew(_refit, wanted, groups))
+    for number, fold in enumerate(folds):
+        refitted = {name: PortableFit(fitted) for name, fitted in fits.items()}
+        for name in fits if fold.train is not groups.train else ():
+            made = next(results)
+            if isinstance(made, PortableFit):
+                refitted[name] = made
+            else:
+                del refitted[name]
+                failed.setdefault(name, f"without {fold.name}, {made}")
+        if not refitted:
+            raise InputError(f"No model can be fitted without {fold.name}.")
+        judged = np.all([said(made.fitted.model.trained, groups.unit) for made in refitted.values()], axis=0)
+        for name, made in refitted.items():
+            yield _Refitted(number, name, made, judged, fits[name].model.exponent)
 
 
-def _side_by_side[T](fits: Mapping[str, Fitted], work: Callable[[str, Fitted], T]) -> Iterator[tuple[str, T]]:
-    """What is done with each model, several at a time; NumPyro runs models in one thread at a time, here this one."""
-    alone = [name for name, one in fits.items() if by_numpyro(one.model) or hasattr(one.posterior, "sizes")]
-    with ThreadPoolExecutor(cores(None)) as executor:
-        try:
-            others = {name: executor.submit(work, name, one) for name, one in fits.items() if name not in alone}
-            found = {name: work(name, fits[name]) for name in alone}
-            yield from ((name, found[name] if name in found else others[name].result()) for name in fits)
-        finally:
-            executor.shutdown(cancel_futures=True)
+def _of_numpyro(fits: dict[str, Fitted], item: Any) -> bool:
+    """Whether the model of a task runs NumPyro; tasks hold their fold and its name first."""
+    fitted = fits[item[1]]
+    return by_numpyro(fitted.model) or hasattr(fitted.posterior, "sizes")
+
+
+def _refit(item: tuple[int, str], groups: _Groups) -> PortableFit | str:
+    """A model without a fold, or why there is none."""
+    (number, name), (folds, _) = item, groups.folds()
+    take_over(groups.functions)
+    try:
+        fit = suited(name, groups.fit.changed(power="none"))
+        return PortableFit(fit_model(name, folds[number].train, groups.grid, fit))
+    except InputError as error:
+        return str(error)
+
+
+def _score(item: _Refitted, groups: _Groups) -> tuple[str, dict[str, TapScores]]:
+    """Scores of a model for the taps of the fold that it is without."""
+    folds, _ = groups.folds()
+    taps = known_taps(folds[item.fold].test, groups.grid, item.judged)
+    score = scorer(groups.unit, folds, groups.grid, groups.settings.seed)
+    return item.name, score(item.made.fitted, taps, item.exponent)

@@ -19,6 +19,7 @@ from ...models.measurement.draws import drawn
 from ...models.measurement.model import Fitted
 from ...models.seeds import Purpose, generator
 from ...models.taps import TapSet
+from ...models.threads import one_blas_thread
 from ..stats.pairing import RESAMPLES, with_intervals
 
 GOOD_K = 0.7
@@ -168,8 +169,9 @@ def stacked(elpd: Mapping[str, Any]) -> Any:
         elpd: See `relative_elpd`.
     """
     import arviz as az  # noqa: PLC0415
+    import scipy.optimize  # noqa: F401, PLC0415 - a library that is loaded later would use all cores and round otherwise
 
-    with warnings.catch_warnings():
+    with one_blas_thread(), warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return az.compare(elpd, method="stacking", round_to="none")
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...hardware.simulator.session import cut_session, session_counts, simulate_session
-from ...hardware.simulator.settings import RigSettings, preset
+from ...hardware.simulator.settings import preset
 from ...models.grid import ClassGrid, policies
 from ...models.io.load import TapSource, names_of, taps_of
 from ...models.io.recording import naming
@@ -19,6 +19,7 @@ from ...models.seeds import data_set_seed
 from ...models.settings import Division
 from ...models.splits import Fold, load_experiment
 from ..stats.resampled_units import RESAMPLES, resampled_sentence
+from ..tasks.kept import Kept
 
 _FEWEST_SESSIONS = 3
 _KEPT = 128  # simulated sessions, of the paper 1 MB each, that are not simulated again for another filter
@@ -73,7 +74,7 @@ def simulated_source(name: str, data_sets: int, seed: int) -> Source:
         InputError: There is no such preset.
     """
     settings = preset(name)
-    load = partial(_simulate, name, seed, lru_cache(_KEPT)(session_counts))
+    load = partial(_simulate, name, seed, Kept(_KEPT))
     first = load(0, settings.highpass_hz)
     grid = first.train.grid()
     units = (
@@ -121,11 +122,12 @@ def right_model(seed: int, samples: int = 4, power: str = "none") -> HistogramMo
 def _simulate(
     name: str,
     seed: int,
-    counts: Callable[[RigSettings, int, int], NDArray[np.uint8]],
+    kept: Kept[NDArray[np.uint8]],
     number: int,
     highpass_hz: float,
 ) -> Fold:
     settings, own = preset(name), data_set_seed(seed, number)
     filtered = replace(settings, highpass_hz=highpass_hz)
-    train, test = (cut_session(filtered, own, session, counts(settings, own, session)) for session in (0, 1))
+    counts = [kept((own, session), partial(session_counts, settings, own, session)) for session in (0, 1)]
+    train, test = (cut_session(filtered, own, session, counts[session]) for session in (0, 1))
     return Fold(train, test, f"data set {number}")

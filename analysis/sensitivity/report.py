@@ -12,6 +12,7 @@ from ...models.settings import Division
 from ..experiment.sources import recorded_source, simulated_source
 from ..page.page import Page, Row
 from ..page.report import StudyReport, TitleRecord
+from ..tasks.crew import PATIENCE_S, crew_of
 from .page import sensitivity_page
 from .run import Sensitivity, SensitivitySettings, sensitivity_study
 from .summary import summarise
@@ -65,6 +66,8 @@ def sensitivity(
     trials: int = 1000,
     strongest: int = 5,
     workers: int | None = None,
+    scheduler: str | None = None,
+    patience: float = PATIENCE_S,
     seed: int = 0,
     progress: Progress = no_progress,
     command: str = "",
@@ -78,7 +81,9 @@ def sensitivity(
         division: Width of the cells, and whether test taps that are among the training taps are kept.
         trials: Trials of each data set, policy and option.
         strongest: Choices of which all pairs are tried.
-        workers: Data sets at a time; `None` for as many as there are cores.
+        workers: Data sets at a time, or options for a single one; `None` for as many as there are cores.
+        scheduler: Address of a Dask scheduler, to run on its cluster instead.
+        patience: Seconds to wait for a lost scheduler or lost workers.
         seed: Random seed.
         progress: Called with the name and size of every stage; returns the function that advances it.
         command: The command line, for the page.
@@ -87,6 +92,7 @@ def sensitivity(
         InputError: The taps or a setting cannot be used.
     """
     check_counts(trials=trials, workers=workers)
+    crew = crew_of(scheduler, workers, patience)
     check_counts(0, data_sets=data_sets, strongest=strongest, seed=seed)
     if not data_sets and not data:
         raise InputError("--data-sets 0 requires a file of recorded taps.")
@@ -95,7 +101,7 @@ def sensitivity(
             raise InputError(f"{option} {width} requires recorded taps; simulated taps keep their classes.")
     sources = [simulated_source(preset, data_sets, seed)] if data_sets else []
     sources += [recorded_source(taps, division) for taps in data]
-    settings = SensitivitySettings(trials=trials, seed=seed, strongest=strongest, workers=workers)
-    found = tuple(sensitivity_study(source, settings, progress) for source in sources)
+    settings = SensitivitySettings(trials=trials, seed=seed, strongest=strongest)
+    found = tuple(sensitivity_study(source, settings, progress, crew) for source in sources)
     described = TitleRecord(title="Sensitivity to the choices that the paper leaves open", command=command)
     return SensitivityReport(found, summarise(found, settings, described))

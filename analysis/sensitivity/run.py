@@ -20,12 +20,13 @@ from ...models.seeds import data_set_seed
 from ...models.settings import PlaySettings
 from ...models.splits import Fold
 from ...models.taps import TapSet
-from ...models.threads import cores, in_order, one_blas_thread
+from ...models.threads import check_wanted, one_blas_thread
 from ..experiment.settings import SHOWN_THETA
 from ..experiment.sources import Source
-from ..page.stages import counted
 from ..stats.jackknife import Interval, Means
 from ..stats.resampled_units import resampled_tables, units_of
+from ..tasks.crew import THREADS, Crew
+from ..tasks.kept import Kept
 from .choices import CHOICES, Catalogue, Choice, Option, Reading, applicable, changed
 from .effects import Effect, Scale, absolute, effect, interaction, intervals_of
 from .model import histograms, impossible_share, with_reading
@@ -42,7 +43,6 @@ class SensitivitySettings:
     seed: int = 0
     strongest: int = 5
     choices: tuple[Choice, ...] = CHOICES
-    workers: int | None = None
 
 
 class Pair(NamedTuple):
@@ -89,15 +89,10 @@ class Sensitivity:
         return _strongest(self.catalogue, [self.strength(i) for i in range(len(self.effects))])
 
 
-class _Played(NamedTuple):
-    """Means of the units of one fold (batch, policy, theta, `SUMS`), and the share of impossible taps, by reading."""
-
-    means: list[Means]
-    impossible: list[float]
-
-
-def sensitivity_study(source: Source, settings: SensitivitySettings, progress: Progress) -> Sensitivity:
-    """Runs every option, then all pairs of the strongest.
+def sensitivity_study(
+    source: Source, settings: SensitivitySettings, progress: Progress, crew: Crew = THREADS
+) -> Sensitivity:
+    """Runs every option, then all pairs of the strongest, on the threads or the cluster given.
 
     Raises:
         InputError: The data cannot be used.
@@ -110,7 +105,7 @@ def sensitivity_study(source: Source, settings: SensitivitySettings, progress: P
         intervals_of(source.policies) * len(catalogue.options) + 2 * pairs_expected,
     )
     single: list[Options] = [(), *((option,) for _, option in catalogue.options)]
-    means, impossible = _run(source, single, settings, progress, f"{source.name}: options")
+    means, impossible = _run(source, single, settings, progress, crew, f"{source.name}: options")
     base = Reading()
     readings = [changed(options) for options in single]
     effects = [effect(means[0], m, r, base, scale) for m, r in zip(means, readings, strict=True)]
@@ -126,7 +121,7 @@ def sensitivity_study(source: Source, settings: SensitivitySettings, progress: P
         tuple(m.mean(axis=0)[:, at] for m in means),
         tuple(effects[1:]),
         tuple(impossible[1:]),
-        tuple(_pairs(source, catalogue, strongest, means, scale, settings, progress)),
+        tuple(_pairs(source, catalogue, strongest, means, scale, settings, progress, crew)),
     )
 
 
@@ -220,37 +215,49 @@ class _Bench:
 
     def __init__(self, source: Source, number: int) -> None:
         self._source, self._number = source, number
-        self._folds: dict[float, Fold] = {}
-        self._histograms: dict[tuple[object, ...], HistogramModel] = {}
-        self._tables: dict[tuple[object, ...], tuple[TapModel, TapSet, TapTable]] = {}
+        self._folds: Kept[Fold] = Kept()
+        self._histograms: Kept[HistogramModel] = Kept()
+        self._tables: Kept[tuple[TapModel, TapSet, TapTable]] = Kept()
 
     def table(self, reading: Reading) -> tuple[TapModel, TapSet, TapTable]:
         """The model, the usable test taps and their log-likelihoods."""
         hz = reading.highpass_hz
         bins = hz, reading.bins, reading.value_range
         key = (*bins, reading.power, reading.pseudocount, reading.added, reading.outside)
-        if key not in self._tables:
-            fold = self._folds.get(hz) or self._folds.setdefault(hz, self._source.load(self._number, hz))
-            if bins not in self._histograms:
-                self._histograms[bins] = histograms(reading, fold.train, self._source.grid)
-            model = with_reading(reading, self._histograms[bins])
+
+        def made() -> tuple[TapModel, TapSet, TapTable]:
+            fold = self._folds(hz, lambda: self._source.load(self._number, hz))
+            counts = self._histograms(bins, lambda: histograms(reading, fold.train, self._source.grid))
+            model = with_reading(reading, counts)
             test = model.usable(fold.test)
-            self._tables[key] = model, test, tap_table(model, test)
-        return self._tables[key]
+            return model, test, tap_table(model, test)
+
+        return self._tables(key, made)
 
 
-def _play_fold(source: Source, number: int, readings: Sequence[Reading], settings: SensitivitySettings) -> _Played:
-    bench, means, impossible = _Bench(source, number), [], []
-    trials, seed = settings.trials, data_set_seed(settings.seed, number)
-    threads = cores(settings.workers) if source.resamples else 1
-    for reading in readings:
+class _Tried(NamedTuple):
+    """What all tasks of a source need: readings by number, and the fold that tasks in one process are at."""
+
+    source: Source
+    readings: Sequence[Reading]
+    settings: SensitivitySettings
+    benches: Kept[_Bench]
+
+
+def _play_fold(item: tuple[int, Sequence[int]], tried: _Tried) -> list[tuple[Means, float]]:
+    """Means of the units of a fold (batch, policy, theta, `SUMS`) and the share of impossible taps under readings."""
+    (number, chosen), source = item, tried.source
+    bench = tried.benches(number, lambda: _Bench(source, number))
+    trials, seed = tried.settings.trials, data_set_seed(tried.settings.seed, number)
+    played = []
+    for reading in (tried.readings[i] for i in chosen):
+        check_wanted()
         model, test, table = bench.table(reading)
-        tables = resampled_tables(table, source.resamples, seed)
         play = partial(_play_policies, source, reading, test, trials, seed)
-        tasks = (partial(play, one, i * trials) for i, one in enumerate(tables))
-        means.append(units_of(list(in_order(tasks, threads)), spread(table)))
-        impossible.append(impossible_share(model, test) if reading.pseudocount == 0 else 0.0)
-    return _Played(means, impossible)
+        means = [play(one, i * trials) for i, one in enumerate(resampled_tables(table, source.resamples, seed))]
+        impossible = impossible_share(model, test) if reading.pseudocount == 0 else 0.0
+        played.append((units_of(means, spread(table)), impossible))
+    return played
 
 
 def _play_policies(
@@ -263,16 +270,20 @@ def _play_policies(
 
 
 def _run(
-    source: Source, tried: Sequence[Options], settings: SensitivitySettings, progress: Progress, name: str
+    source: Source, tried: Sequence[Options], settings: SensitivitySettings, progress: Progress, crew: Crew, name: str
 ) -> tuple[list[Means], list[float]]:
-    """Means of all units and mean shares of impossible taps, for each of the combinations of options."""
-    readings = [changed(options) for options in tried]
-    tasks = [partial(_play_fold, source, number, readings, settings) for number in range(source.folds)]
-    advance = progress(name, len(tasks))
+    """Means of all units and mean shares of impossible taps, for each of the combinations of options.
+
+    A task is a fold or, where there is one only, a combination.
+    """
+    every, together = range(len(tried)), source.folds > 1
+    items = [(i, every) for i in range(source.folds)] if together else [(0, [i]) for i in every]
+    shared = _Tried(source, [changed(options) for options in tried], settings, Kept(1))
     with one_blas_thread():
-        played = list(counted(in_order(tasks, cores(settings.workers)), advance))
-    means = [np.concatenate([one.means[i] for one in played]) for i in range(len(tried))]
-    return means, np.mean([one.impossible for one in played], axis=0).tolist()
+        played = list(crew(_play_fold, items, shared, progress(name, len(items))))
+    units = zip(*played, strict=True) if together else played
+    means, impossible = zip(*(zip(*of, strict=True) for of in units), strict=True)
+    return [np.concatenate(parts) for parts in means], np.mean([*zip(*impossible, strict=True)], axis=0).tolist()
 
 
 def _strongest(catalogue: Catalogue, strength: Sequence[float]) -> list[tuple[Choice, int]]:
@@ -291,13 +302,14 @@ def _pairs(
     scale: Scale,
     settings: SensitivitySettings,
     progress: Progress,
+    crew: Crew,
 ) -> Iterator[Pair]:
     both = list(combinations(strongest, 2))
     if not both:
         return
     options = catalogue.options
     tried = [(options[i][1], options[j][1]) for i, j in both]
-    joint, _ = _run(source, tried, settings, progress, f"{source.name}: pairs")
+    joint, _ = _run(source, tried, settings, progress, crew, f"{source.name}: pairs")
     for (i, j), pair, together in zip(both, tried, joint, strict=True):
         readings = [Reading(), changed(pair[:1]), changed(pair[1:]), changed(pair)]
         beyond = interaction([means[0], means[1 + i], means[1 + j], together], readings, scale)

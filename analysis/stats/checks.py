@@ -8,7 +8,6 @@ Analysis", 3rd ed., sec. 6.3). Samples are rounded to their bins on both sides, 
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import partial
-from itertools import product
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -18,12 +17,15 @@ from numpy.typing import NDArray
 from ...models import seeds
 from ...models.grid import ClassGrid
 from ...models.measurement.draws import replicated_bins
+from ...models.measurement.fits.portable import PortableFit
 from ...models.measurement.histogram import HistogramModel
 from ...models.measurement.likelihood.bins import find_bins
 from ...models.measurement.likelihood.shapes import Parameters
 from ...models.measurement.model import Fitted, TapModel
+from ...models.progress import ShownHere, silent
 from ...models.taps import TapSet
 from ...models.threads import cores, in_order
+from ..tasks.crew import ONE_BY_ONE, Crew
 from .evidence import halves, rivals
 
 REPLICATES = 20
@@ -283,9 +285,18 @@ def predictive_checks(
     taps: TapSet,
     seed: int,
     replicates: int = REPLICATES,
-    progress: Callable[[int], None] | None = None,
+    progress: Callable[[int], object] = silent,
+    crew: Crew = ONE_BY_ONE,
 ) -> xr.Dataset:
     """Statistics of training taps and of replicates from every model.
+
+    Args:
+        models: By name.
+        taps: The taps.
+        seed: Random seed.
+        replicates: How many, of each model.
+        progress: Called with 1 after each of them.
+        crew: What does the work, a model at a time.
 
     Returns:
         `observed` (statistic), `replicated` (model, statistic, replicate), and `p` (model, statistic), the share of
@@ -294,22 +305,8 @@ def predictive_checks(
     first = next(iter(models.values())).model
     labels = TapLabels.of(taps, first.grid)
     observed = observed_statistics(labels, first.edges)
-    result = np.full((len(models), len(observed), replicates), np.nan)
-    known = [i for i, fitted in enumerate(models.values()) if fitted.posterior is not None]
-
-    def tasks() -> Iterator[Callable[[], list[float]]]:
-        for i, fitted in enumerate(models.values()):
-            if fitted.posterior is not None:
-                generator = seeds.generator(seed, seeds.Purpose.CHECKS, i)
-                for _ in range(replicates):
-                    made = replicate(fitted.posterior.draw(generator), fitted.model, labels, generator)
-                    yield partial(_taken, observed, made)
-
-    at_once = max(1, min(cores(None), _AT_ONCE // max(taps.taps.size, 1)))
-    for place, found in zip(product(known, range(replicates)), in_order(tasks(), at_once), strict=True):
-        result[place[0], :, place[1]] = found
-        if progress is not None:
-            progress(1)
+    shared = _Checked(labels, list(observed), replicates, seed, ShownHere(progress))
+    result = np.array(list(crew(_replicated, enumerate(map(PortableFit, models.values())), shared)))
     values, chosen = np.array(list(observed.values())), [STATISTICS[name] for name in observed]
     above = (result >= values[:, None]).mean(axis=-1)
     return xr.Dataset(
@@ -327,6 +324,34 @@ def predictive_checks(
 def _taken(names: Iterable[str], of: BinnedTaps) -> list[float]:
     """Statistics of taps, drawn in one thread while those before are looked at in others."""
     return [STATISTICS[name].of(of) for name in names]
+
+
+class _Checked(NamedTuple):
+    """The taps of a check, the names of its statistics, and how they are replicated."""
+
+    labels: TapLabels
+    names: list[str]
+    replicates: int
+    seed: int
+    progress: ShownHere
+
+
+def _replicated(item: tuple[int, PortableFit], checked: _Checked) -> NDArray[np.float64]:
+    """Statistics of replicates of a model by its number, shape (statistic, replicate); NaN without a posterior."""
+    (number, made), (labels, names, replicates, seed, progress) = item, checked
+    result = np.full((len(names), replicates), np.nan)
+    fitted = made.fitted
+    if fitted.posterior is None:
+        return result
+    generator = seeds.generator(seed, seeds.Purpose.CHECKS, number)
+    replicated = (
+        replicate(fitted.posterior.draw(generator), fitted.model, labels, generator) for _ in range(replicates)
+    )
+    at_once = max(1, min(cores(None), _AT_ONCE // max(labels.taps.taps.size, 1)))
+    for r, found in enumerate(in_order((partial(_taken, names, of) for of in replicated), at_once)):
+        result[:, r] = found
+        progress(1)
+    return result
 
 
 def observed_statistics(labels: TapLabels, edges: NDArray[np.float64]) -> dict[str, float]:

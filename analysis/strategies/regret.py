@@ -2,8 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
-from itertools import batched
+from itertools import batched, islice
 from typing import NamedTuple
 
 import numpy as np
@@ -19,12 +18,14 @@ from ...inference.trials.lockstep import Record, play
 from ...inference.trials.records import plan_trials
 from ...models.errors import InputError
 from ...models.progress import Progress
-from ...models.threads import cores, in_order, one_blas_thread
+from ...models.threads import one_blas_thread
+from ..tasks.crew import THREADS, Crew
 from .regret_cases import (
     LARGE,
     SMALL,
     TAP_COSTS,
     PreparedProblem,
+    ProblemSize,
     policies,
     policy_of,
     problem_of,
@@ -49,12 +50,10 @@ class RegretSettings:
     Attributes:
         trials: Of each policy where costs are drawn; half of them choose rules, the others price them.
         seed: Of the trials.
-        workers: Policies at a time; `None` for as many as there are cores. Changes the speed only.
     """
 
     trials: int = TRIALS
     seed: int = 0
-    workers: int | None = None
 
 
 class Priced(NamedTuple):
@@ -113,44 +112,52 @@ class Regrets(NamedTuple):
         return bool(np.abs(price.each - self.cheapest.each).max() < _ALIKE)
 
 
-def regret_study(settings: RegretSettings, progress: Progress) -> list[Regrets]:
-    """All cases at all costs of taps.
+def regret_study(settings: RegretSettings, progress: Progress, crew: Crew = THREADS) -> list[Regrets]:
+    """All cases at all costs of taps, on the threads or the cluster given.
 
     Raises:
         InputError: There are too few trials.
     """
     if settings.trials < _FEWEST_TRIALS:
         raise InputError(f"Regret needs {_FEWEST_TRIALS} trials or more, got {settings.trials}.")
-    workers = cores(settings.workers)
     with one_blas_thread():
-        *small, large = in_order([partial(world, case) for case in (*SMALL, LARGE)], workers)
+        *small, large = crew(_world, (*SMALL, LARGE), None)
         tasks = len(TAP_COSTS) * sum(len(policies(one)) for one in small)
-        tasks += len(policies(large)) * len(_parts(settings.trials))
-        advance = progress("regret", tasks)
-        found = [exact_regrets(one, cost, workers, advance) for one in small for cost in TAP_COSTS]
-        return found + drawn_regrets(large, settings.trials, settings.seed, workers, advance)
+        advance = progress("regret", tasks + len(policies(large)) * len(_parts(settings.trials)))
+        return exact_regrets(small, TAP_COSTS, crew, advance) + drawn_regrets(large, settings, crew, advance)
 
 
-def exact_regrets(world: PreparedProblem, tap_cost: float, workers: int, advance: Callable[[int], None]) -> Regrets:
-    """Every policy with every kind of rule, and the exact rule."""
+def _world(case: ProblemSize, _: None) -> PreparedProblem:
+    return world(case)
+
+
+def exact_regrets(
+    worlds: Sequence[PreparedProblem], tap_costs: Sequence[float], crew: Crew, advance: Callable[[int], object]
+) -> list[Regrets]:
+    """Every policy with every kind of rule, and the exact rule, in each case at each cost of taps."""
+    cases = [(number, cost) for number in range(len(worlds)) for cost in tap_costs]
+    items = [(number, cost, name) for number, cost in cases for name in policies(worlds[number])]
+    prices = crew(exact_prices, items, worlds, advance)
+    found = []
+    for number, cost in cases:
+        problem = problem_of(worlds[number], cost)
+        own = tuple(price for of in islice(prices, len(policies(worlds[number]))) for price in of)
+        rule = exact_rule(problem)
+        found.append(Regrets(worlds[number], problem, {"exact": rule.value}, expected_cost(problem, rule), own))
+    return found
+
+
+def exact_prices(item: tuple[int, float, str], worlds: Sequence[PreparedProblem]) -> list[Priced]:
+    """One policy with every kind of rule, exact, from the number of its case and the cost of a tap."""
+    number, tap_cost, name = item
+    world = worlds[number]
     problem = problem_of(world, tap_cost)
-    tasks = [partial(exact_prices, world, problem, name, advance) for name in policies(world)]
-    prices = tuple(price for of in in_order(tasks, workers) for price in of)
-    rule = exact_rule(problem)
-    return Regrets(world, problem, {"exact": rule.value}, expected_cost(problem, rule), prices)
-
-
-def exact_prices(
-    world: PreparedProblem, problem: RiskProblem, name: str, advance: Callable[[int], None]
-) -> list[Priced]:
-    """One policy with every kind of rule, exact."""
     policy, chances = policy_of(name, world, problem)
     tried = list(rules(world, problem))
     found = expected_costs(problem, policy, [rule for *_, rule in tried], watch_of(problem), chances)
     costs: dict[str, list[Priced]] = {}
     for (kind, label, _), cost in zip(tried, found, strict=True):
         costs.setdefault(kind, []).append(Priced(name, kind, label, cost.total, np.array([cost.total])))
-    advance(1)
     return _cheapest_rules(costs)
 
 
@@ -159,38 +166,45 @@ def _cheapest_rules(prices: Mapping[str, Sequence[Priced]]) -> list[Priced]:
 
 
 def drawn_regrets(
-    world: PreparedProblem, trials: int, seed: int, workers: int, advance: Callable[[int], None]
+    world: PreparedProblem, settings: RegretSettings, crew: Crew, advance: Callable[[int], object]
 ) -> list[Regrets]:
     """Every policy with every kind of rule at each cost of taps, on drawn trials, the same for all."""
+    names, parts = policies(world), _parts(settings.trials)
+    items = [(name, part) for name in names for part in parts]
+    costs = batched(crew(drawn_costs, items, (world, settings.seed), advance), len(parts))
     problems = [problem_of(world, cost) for cost in TAP_COSTS]
-    names, parts = policies(world), _parts(trials)
-    tasks = [partial(drawn_costs, world, name, part, seed, advance) for name in names for part in parts]
     prices: list[list[Priced]] = [[] for _ in problems]
-    for name, of in zip(names, batched(in_order(tasks, workers), len(parts)), strict=True):
-        for number, costs in enumerate(zip(*of, strict=True)):
-            prices[number] += drawn_prices(world, problems[number], name, np.concatenate(costs, axis=1))
-    bounds = in_order([partial(lower_bounds, problem) for problem in problems], workers)
+    for name, of in zip(names, costs, strict=True):
+        for number, each in enumerate(zip(*of, strict=True)):
+            prices[number] += drawn_prices(world, problems[number], name, np.concatenate(each, axis=1))
     return [
         Regrets(world, problem, bound, None, tuple(of))
-        for problem, bound, of in zip(problems, bounds, prices, strict=True)
+        for problem, bound, of in zip(problems, crew(_bounds, TAP_COSTS, world), prices, strict=True)
     ]
+
+
+def _bounds(tap_cost: float, world: PreparedProblem) -> dict[str, float]:
+    return lower_bounds(problem_of(world, tap_cost))
 
 
 def _parts(trials: int) -> list[range]:
     return [range(start, min(start + _AT_ONCE, trials)) for start in range(0, trials, _AT_ONCE)]
 
 
-def drawn_costs(
-    world: PreparedProblem, name: str, part: range, seed: int, advance: Callable[[int], None]
-) -> list[Floats]:
-    """What trials of one policy cost under each of `rules`, shape (rules, trials) for each of `TAP_COSTS`."""
+def drawn_costs(item: tuple[str, range], shared: tuple[PreparedProblem, int]) -> list[Floats]:
+    """What trials of one policy cost under each of `rules`, shape (rules, trials) for each of `TAP_COSTS`.
+
+    Args:
+        item: The policy and which trials.
+        shared: The case, and the seed of the trials.
+    """
+    (name, part), (world, seed) = item, shared
     problems = [problem_of(world, cost) for cost in TAP_COSTS]
     first = problems[0]  # no policy minds what a tap costs
     table, watch = world.symbols.table, watch_of(first)
     plan = plan_trials(table.pool, len(part), seed, first_stream=part.start)
     move, _ = policy_of(name, world, first)
     record = play(table, plan, move, border="clamp", deadline=first.most_taps, seed=seed, watch=watch)
-    advance(1)
     return [
         np.array([trial_costs(problem, record, rule) for *_, rule in rules(world, problem)]) for problem in problems
     ]

@@ -12,6 +12,7 @@ from ...models.progress import Progress, no_progress
 from ...models.settings import Division
 from ..page.page import Page, Row
 from ..page.report import StudyReport, TitleRecord
+from ..tasks.crew import PATIENCE_S, crew_of
 from .data import RIGHT, recorded_bench, simulated_bench
 from .page import strategies_page
 from .regret import TRIALS, RegretSettings, regret_study
@@ -93,6 +94,8 @@ def strategies(
     trials: int = 100,
     regret: int | None = None,
     workers: int | None = None,
+    scheduler: str | None = None,
+    patience: float = PATIENCE_S,
     seed: int = 0,
     progress: Progress = no_progress,
     command: str = "",
@@ -107,7 +110,9 @@ def strategies(
         trials: Trials of each data set and strategy.
         regret: Trials for the cost of strategies beyond that of the exact rule, or a bound, on taps of a correct model;
             0 skips that, `None` does it with the usual number if there is a preset.
-        workers: Data sets at a time; `None` for as many as there are cores.
+        workers: Data sets at a time, or strategies for a single one; `None` for as many as there are cores.
+        scheduler: Address of a Dask scheduler, to run on its cluster instead.
+        patience: Seconds to wait for a lost scheduler or lost workers.
         seed: Random seed.
         progress: Called with the name and size of every stage; returns the function that advances it.
         command: The command line, for the page.
@@ -116,6 +121,7 @@ def strategies(
         InputError: The taps or a setting cannot be used.
     """
     check_counts(data_sets=data_sets, trials=trials, workers=workers)
+    crew = crew_of(scheduler, workers, patience)
     check_counts(0, regret=regret, seed=seed)
     regret = TRIALS * bool(presets) if regret is None else regret
     if not presets and not data and not regret:
@@ -124,9 +130,9 @@ def strategies(
         raise InputError(f"--presets names one twice: {','.join(presets)}.")
     benches = [simulated_bench(name, data_sets, seed) for name in presets]
     benches += [recorded_bench(taps, division) for taps in data]
-    settings = StrategySettings(trials=trials, seed=seed, workers=workers)
-    found = tuple(strategy_study(bench, settings, progress) for bench in benches)
-    regrets = RegretSettings(regret, seed, workers)
-    lost = summarise_regret(regret_study(regrets, progress), regrets) if regret else None
+    settings = StrategySettings(trials=trials, seed=seed)
+    found = tuple(strategy_study(bench, settings, progress, crew) for bench in benches)
+    regrets = RegretSettings(regret, seed)
+    lost = summarise_regret(regret_study(regrets, progress, crew), regrets) if regret else None
     described = TitleRecord(title="Control strategies and stopping rules", command=command)
     return StrategiesReport(found, summarise(found, settings, described, lost))

@@ -1,10 +1,8 @@
 """Control strategies under stopping rules, all on the same trials and taps."""
 
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import CancelledError
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from threading import Event
 from typing import NamedTuple
 
 import numpy as np
@@ -20,16 +18,18 @@ from ...inference.stopping.recorded import stops
 from ...inference.stopping.rules import error_loss
 from ...inference.stopping.stopping import Watch, what_above
 from ...inference.trials.lockstep import Record, play
-from ...inference.trials.records import plan_trials, tap_table
-from ...inference.trials.resampling import spread
+from ...inference.trials.records import TapTable, TrialPlan, plan_trials, tap_table
+from ...inference.trials.resampling import Spread, spread
 from ...models.measurement.model import TapModel
 from ...models.progress import Progress
 from ...models.seeds import data_set_seed
-from ...models.threads import cores, in_order, one_blas_thread
+from ...models.threads import check_wanted, one_blas_thread
 from ..experiment.settings import SHOWN_THETA
 from ..page.figure_style import short_unit
 from ..stats.jackknife import Means
 from ..stats.resampled_units import resampled_tables, units_of
+from ..tasks.crew import THREADS, Crew
+from ..tasks.kept import Kept
 from .curves import Family, decided_sums, families, nats
 from .data import StrategyData, Unit, pool_of
 
@@ -53,6 +53,7 @@ TRUSTED = ("passive", "random", BASE, "info-what", "info-joint")
 PATHS = 40
 """Trials whose trajectories are kept."""
 _TABLE_TRIALS = 500
+_KEPT = 8  # folds that tasks are at
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,6 @@ class StrategySettings:
         pool: About how many training taps strategies enumerate.
         seed: Of every random draw.
         strategies: What is compared; `BASE` is among them.
-        workers: Data sets at a time; `None` for as many as there are cores. Changes the speed only.
     """
 
     trials: int = 100
@@ -73,7 +73,6 @@ class StrategySettings:
     pool: int = 400
     seed: int = 0
     strategies: tuple[str, ...] = STRATEGIES
-    workers: int | None = None
 
 
 class PlayedStrategies(NamedTuple):
@@ -105,28 +104,26 @@ class StrategyStudy:
     played: tuple[PlayedStrategies, ...]
 
 
-def strategy_study(bench: StrategyData, settings: StrategySettings, progress: Progress) -> StrategyStudy:
-    """Plays every strategy.
+def strategy_study(
+    bench: StrategyData, settings: StrategySettings, progress: Progress, crew: Crew = THREADS
+) -> StrategyStudy:
+    """Plays every strategy, on the threads or the cluster given.
+
+    A task is a root of the likelihood in a fold or, where there is one fold only, a strategy under one.
 
     Raises:
         InputError: A strategy cannot be played on these data.
     """
-    names = [(power, playable(bench, settings.strategies, i == 0)) for i, power in enumerate(bench.powers)]
-    advance = progress(bench.name, bench.folds * sum(len(chosen) for _, chosen in names))
-    unwanted = Event()
-
-    def go_on(_: int = 0) -> None:
-        if unwanted.is_set():
-            raise CancelledError
-
-    def done(number: int) -> None:
-        go_on()
-        advance(number)
-
-    tasks = [partial(_play_fold, bench, number, names, settings, done, go_on) for number in range(bench.folds)]
+    names = {power: playable(bench, settings.strategies, i == 0) for i, power in enumerate(bench.powers)}
+    together = bench.folds > 1
+    chosen = [(power, part) for power, of in names.items() for part in ([of] if together else [(one,) for one in of])]
+    items = [(number, power, part) for number in range(bench.folds) for power, part in chosen]
+    shared = _Shared(bench, settings, Kept(_KEPT), Kept(_KEPT))
     with one_blas_thread():
-        folds = list(in_order(tasks, cores(settings.workers), unwanted))
-    return StrategyStudy(bench, tuple(_joined([fold[i] for fold in folds]) for i in range(len(names))))
+        played = list(crew(_play_strategies, items, shared, progress(bench.name, len(items))))
+    return StrategyStudy(
+        bench, tuple(_joined([one for one in played if one.power == power], bench.folds) for power in names)
+    )
 
 
 def playable(bench: StrategyData, strategies: Sequence[str], everything: bool) -> tuple[str, ...]:
@@ -136,60 +133,71 @@ def playable(bench: StrategyData, strategies: Sequence[str], everything: bool) -
     return tuple(name for name in chosen if in_mm or not parse_strategy(name).per)
 
 
-def _joined(parts: Sequence[PlayedStrategies]) -> PlayedStrategies:
-    first = parts[0]
-    return first._replace(
-        means={key: np.concatenate([one.means[key] for one in parts]) for key in first.means},
-        nats={name: np.concatenate([one.nats[name] for one in parts]) for name in first.nats},
-        exponents=float(np.mean([one.exponents for one in parts])),
+def _joined(parts: Sequence[PlayedStrategies], folds: int) -> PlayedStrategies:
+    """Parts under the same root: folds, or strategies of a single one."""
+    return parts[0]._replace(
+        means={key: np.concatenate([p.means[key] for p in parts if key in p.means]) for p in parts for key in p.means},
+        nats={name: np.concatenate([p.nats[name] for p in parts if name in p.nats]) for p in parts for name in p.nats},
+        paths={name: path for part in reversed(parts) for name, path in part.paths.items()},
+        exponents=float(np.mean([one.exponents for one in parts[:folds]])),
     )
 
 
-def _play_fold(
-    bench: StrategyData,
-    number: int,
-    names: Sequence[tuple[str, Sequence[str]]],
-    settings: StrategySettings,
-    advance: Callable[[int], None],
-    go_on: Callable[[int], None],
-) -> list[PlayedStrategies]:
-    unit = bench.load(number)
-    return [_play_power(bench, unit, number, power, chosen, settings, advance, go_on) for power, chosen in names]
+class _Perceived(NamedTuple):
+    """A fold under one root of the likelihood, with trials on its test taps and on resamples of them."""
+
+    model: TapModel
+    outcomes: TapOutcomes
+    tables: list[TapTable]
+    spread: Spread
+    plans: list[TrialPlan]
 
 
-def _play_power(
-    bench: StrategyData,
-    unit: Unit,
-    number: int,
-    power: str,
-    strategies: Sequence[str],
-    settings: StrategySettings,
-    advance: Callable[[int], None],
-    go_on: Callable[[int], None],
-) -> PlayedStrategies:
+class _Shared(NamedTuple):
+    """What all tasks need, and what those in one process share."""
+
+    bench: StrategyData
+    settings: StrategySettings
+    units: Kept[Unit]
+    perceived: Kept[_Perceived]
+
+    def unit(self, number: int) -> Unit:
+        """A data set or fold."""
+        return self.units(number, partial(self.bench.load, number))
+
+    def fold(self, number: int, power: str) -> _Perceived:
+        """The same under a root of the likelihood."""
+        return self.perceived((number, power), partial(self._perceive, number, power))
+
+    def _perceive(self, number: int, power: str) -> _Perceived:
+        unit, seed, n = self.unit(number), data_set_seed(self.settings.seed, number), self.settings.trials
+        model = unit.model(power, self.bench.grid, seed)
+        table, outcomes = tap_table(model, model.usable(unit.test)), pool_of(model, unit.train, self.settings.pool)
+        tables = resampled_tables(table, self.bench.resamples, seed)
+        plans = [plan_trials(one.pool, n, seed, first_stream=i * n) for i, one in enumerate(tables)]
+        return _Perceived(model, outcomes, tables, spread(table), plans)
+
+
+def _play_strategies(item: tuple[int, str, Sequence[str]], shared: _Shared) -> PlayedStrategies:
+    (number, power, strategies), (bench, settings, *_) = item, shared
     seed = data_set_seed(settings.seed, number)
-    model = unit.model(power, bench.grid, seed)
-    table, outcomes = tap_table(model, model.usable(unit.test)), pool_of(model, unit.train, settings.pool)
-    tables, how = resampled_tables(table, bench.resamples, seed), spread(table)
-    n = settings.trials
-    plans = [plan_trials(one.pool, n, seed, first_stream=i * n) for i, one in enumerate(tables)]
+    model, outcomes, tables, how, plans = shared.fold(number, power)
     rules = families(model, default_fixation(bench.grid.L), settings.deadline)
     watch = _watch(model, outcomes, bench.border)
+    common = {"border": bench.border, "deadline": settings.deadline, "seed": seed, "watch": watch}
     means, told, paths = {}, {}, {}
-    common = {"border": bench.border, "deadline": settings.deadline, "seed": seed, "watch": watch, "progress": go_on}
     for name in strategies:
-        policy = _policy(name, bench, unit, model, outcomes, seed)
-        tasks = (partial(play, one, plan, policy, **common) for one, plan in zip(tables, plans, strict=True))
+        policy = _policy(name, bench, shared.unit(number), model, outcomes, seed)
         sums, expected = [], []
-        for number_of_table, record in enumerate(in_order(tasks, cores(settings.workers) if len(tables) > 1 else 1)):
+        for table, plan in zip(tables, plans, strict=True):
+            record = play(table, plan, policy, progress=check_wanted, **common)
             sums.append([decided_sums(record, family, bench.grid).mean(axis=0) for family in rules])
             expected.append(nats(record).mean(axis=0))
-            if number_of_table == 0:
+            if name not in paths:
                 paths[name] = _paths(record)
         for family, values in zip(rules, zip(*sums, strict=True), strict=True):
             means[name, family.name] = units_of(values, how)
         told[name] = units_of(expected, how)
-        advance(1)
     return PlayedStrategies(power, rules, means, told, paths, model.exponent)
 
 

@@ -1,5 +1,5 @@
 """`sweep`: a grid of data sets, models and policies, on this machine or a Dask cluster.
 
 Start at `run`, then `study` (the file), `cell` (one combination) and `store` (the result).
-Dask is imported in `dask` only, and nothing here draws figures.
+Nothing here draws figures.
 """

@@ -1,11 +1,8 @@
 """Work of one cell of a sweep, from its data set to means over trials."""
 
 import hashlib
-import time
-import traceback
-from collections.abc import Callable, Generator, Iterator
 from functools import lru_cache, partial
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,41 +29,7 @@ if TYPE_CHECKING:
 _TABLES = 4
 
 
-class Outcome(NamedTuple):
-    """What became of a cell.
-
-    Attributes:
-        number: The cell.
-        values: Results by name, shapes (H,); nothing where it failed.
-        seconds: How long it took.
-        traceback: Why it failed.
-    """
-
-    number: int
-    values: dict[str, NDArray[np.float64]]
-    seconds: float
-    traceback: str = ""
-
-
-type Load = Callable[[str], DataSet]
-"""Gives a data set by name."""
-
-type Runner = Callable[[Iterator[Cell], Effort, Load], Generator[Outcome]]
-"""Runs cells, neighbours of which share data sets and fits, in any order and places, and yields outcomes as they come;
-closing it stops everything."""
-
-
-def try_cell(cell: Cell, effort: Effort, data: DataSet) -> Outcome:
-    """The outcome of a cell, whatever it raises."""
-    began = time.perf_counter()
-    try:
-        values, failure = run_cell(cell, effort, data), ""
-    except Exception:  # a cell that fails must not end the others
-        values, failure = {}, traceback.format_exc()
-    return Outcome(cell.number, values, time.perf_counter() - began, failure)
-
-
-def run_cell(cell: Cell, effort: Effort, data: DataSet) -> dict[str, NDArray[np.float64]]:
+def run_cell(cell: Cell, data: DataSet, effort: Effort) -> dict[str, NDArray[np.float64]]:
     """Fits the cell's model, plays its trials and takes means over them.
 
     Returns:

@@ -7,13 +7,13 @@ from typing import Self
 
 import xarray as xr
 
-from ...models.errors import InputError
 from ...models.progress import Progress, no_progress
 from ...models.threads import cores
 from ..page.page import Brief, Page, Table
 from ..page.report import Report
-from .cell import Runner
-from .local import in_processes, in_this_process
+from ..tasks.crew import PATIENCE_S, cluster
+from ..tasks.local import in_processes, in_this_process
+from ..tasks.task import Runner
 from .result import AVERAGED, open_sweep, over_data
 from .run import SweepProgress, kept
 from .run import sweep as run_sweep
@@ -86,7 +86,7 @@ def sweep(
     *,
     workers: int | None = None,
     scheduler: str | None = None,
-    patience: float = 300.0,
+    patience: float = PATIENCE_S,
     retry_failed: bool = False,
     progress: Progress = no_progress,
     hear: Callable[[SweepProgress], object] = lambda found: None,  # noqa: ARG005
@@ -131,8 +131,6 @@ def sweep(
     Raises:
         InputError: The study, its data or the store cannot be used.
     """
-    if scheduler is not None and workers is not None:
-        raise InputError("--workers cannot be combined with --scheduler; the cluster has its own workers.")
     path = Path(study)
     store = path.with_suffix(".zarr") if out is None else Path(out)
     counted: list[Callable[[int], None]] = []
@@ -152,9 +150,7 @@ def sweep(
 
 def _runner(scheduler: str | None, workers: int | None, patience: float, note: Callable[[str], object]) -> Runner:
     if scheduler is not None:
-        from .dask import on_cluster  # noqa: PLC0415 - Dask takes long to import
-
-        return on_cluster(scheduler, patience, note)
+        return cluster(scheduler, workers, patience, note)
     workers = cores(workers)
     return in_this_process if workers == 1 else in_processes(workers)
 

@@ -4,6 +4,7 @@ import json
 import os
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,9 +16,10 @@ from ...models.io.recording import naming
 from ...models.taps import TapSet
 from ...models.threads import one_blas_thread
 from ..stats.resampled_units import spread_of_taps, unit_factor
-from .cell import Outcome, Runner
+from ..tasks.code import code, differences
+from ..tasks.task import Outcome, Runner
+from .cell import run_cell
 from .cells import CellGrid, Effort
-from .code import code, differences
 from .data import DataSet, Sources
 from .store import DONE, FAILED, PENDING, SweepStore, create_store, locked, read_about
 from .study import StudyFile, load_study, parse_study
@@ -94,7 +96,7 @@ def sweep(
         progress(tally)
         effort = Effort(study.trials, tuple(study.thresholds), study.deadline)
         cells = (grid.cell(int(number)) for number in grid.distinct[wanted])
-        with closing(run(cells, effort, sources.load)) as outcomes:
+        with closing(run(cells, partial(run_cell, effort=effort), sources.load)) as outcomes:
             for outcome in outcomes:
                 store.write(outcome)
                 tally = _counted(tally, outcome)

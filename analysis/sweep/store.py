@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from ...models.errors import InputError
 from ..stats import tallied
-from .cell import Outcome
+from ..tasks.task import Outcome
 from .cells import AXES, CellGrid
 
 QUANTITIES = tallied.QUANTITIES | {

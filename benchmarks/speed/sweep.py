@@ -18,16 +18,17 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 from rich.table import Table
-from solidtouch.analysis.sweep import batches as sweep_batches
-from solidtouch.analysis.sweep.cell import Load, Outcome, Runner, run_cell
+from solidtouch.analysis.sweep.cell import run_cell
 from solidtouch.analysis.sweep.cells import Cell, CellGrid, Effort
-from solidtouch.analysis.sweep.dask import on_cluster
 from solidtouch.analysis.sweep.data import Sources
-from solidtouch.analysis.sweep.local import in_processes
 from solidtouch.analysis.sweep.result import open_sweep
 from solidtouch.analysis.sweep.run import one_thread, sweep
 from solidtouch.analysis.sweep.store import QUANTITIES, create_store
 from solidtouch.analysis.sweep.study import parse_study
+from solidtouch.analysis.tasks import batches as task_batches
+from solidtouch.analysis.tasks.dask import on_cluster
+from solidtouch.analysis.tasks.local import in_processes
+from solidtouch.analysis.tasks.task import Load, Outcome, Runner, Work
 from solidtouch.inference.trials.run import THRESHOLDS
 
 STUDY = """
@@ -55,9 +56,9 @@ def trials_for(seconds: float) -> int:
     sources = Sources(parsed, Path())
     cell, data = CellGrid.of(parsed, tuple(sources.keys)).cell(0), sources.load("paper")
     effort = Effort(trials, parsed.thresholds, parsed.deadline)
-    run_cell(cell, effort, data)
+    run_cell(cell, data, effort)
     began = time.perf_counter()
-    run_cell(cell, effort, data)
+    run_cell(cell, data, effort)
     return max(1, round(trials * seconds / (time.perf_counter() - began)))
 
 
@@ -65,8 +66,8 @@ def timed(run: Runner, workers: int, trials: int, cells: int) -> tuple[float, fl
     """Seconds of all workers per cell, and those that the cell took itself, after the first quarter of the cells."""
     came: list[tuple[float, float]] = []
 
-    def watched(cells: Iterator[Cell], effort: Effort, load: Load) -> Generator[Outcome]:
-        for outcome in run(cells, effort, load):
+    def watched(cells: Iterator[Cell], work: Work, load: Load) -> Generator[Outcome]:
+        for outcome in run(cells, work, load):
             yield outcome
             came.append((time.perf_counter(), outcome.seconds))
 
@@ -114,11 +115,11 @@ def on_two_workers(trials: int, cells: int, workers: int = 2) -> tuple[float, fl
 @contextmanager
 def batches_of_one() -> Iterator[None]:
     """Has every cell travel alone."""
-    most, sweep_batches._MOST = sweep_batches._MOST, 1
+    most, task_batches._MOST = task_batches._MOST, 1
     try:
         yield
     finally:
-        sweep_batches._MOST = most
+        task_batches._MOST = most
 
 
 def store_costs(cells: int) -> dict[str, float]:

@@ -1,7 +1,7 @@
 """Time a local sweep takes to start and to stop, and what is reported when a worker is killed.
 
-Compares the processes and pipes of `analysis/sweep/local.py` with a Dask `LocalCluster` under the runner of
-`analysis/sweep/dask.py`, each in a fresh process. The start of the first cell is the arrival of its outcome minus its
+Compares the processes and pipes of `analysis/tasks/local.py` with a Dask `LocalCluster` under the runner of
+`analysis/tasks/dask.py`, each in a fresh process. The start of the first cell is the arrival of its outcome minus its
 running time.
 """
 
@@ -36,7 +36,7 @@ def on_local_cluster(workers: int):
 
     def run(*call) -> Generator:
         from distributed import LocalCluster
-        from solidtouch.analysis.sweep.dask import on_cluster
+        from solidtouch.analysis.tasks.dask import on_cluster
 
         how = {"threads_per_worker": 1, "processes": True, "dashboard_address": None, "host": "127.0.0.1"}
         with LocalCluster(n_workers=workers, **how) as cluster:
@@ -47,8 +47,8 @@ def on_local_cluster(workers: int):
 
 def begin(kind: str, workers: int) -> None:
     """Runs the study and prints when its first cell began, in seconds after the command's start of the sweep."""
-    from solidtouch.analysis.sweep.local import in_processes
     from solidtouch.analysis.sweep.run import sweep
+    from solidtouch.analysis.tasks.local import in_processes
 
     run = in_processes(workers) if kind == "pipes" else on_local_cluster(workers)
     times: list[float] = []

@@ -162,6 +162,16 @@ Deadline = Annotated[
 Workers = Annotated[
     int | None, typer.Option("--workers", min=1, help="Number of parallel workers; default: one per core.")
 ]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(
+        "--scheduler", metavar="ADDRESS", help="Run on the Dask cluster with this scheduler.", show_default=False
+    ),
+]
+Patience = Annotated[
+    float,
+    typer.Option("--patience", metavar="S", min=0.0, help="Seconds to wait for a lost scheduler or lost workers."),
+]
 
 
 OPTIONS: dict[str, Any] = {

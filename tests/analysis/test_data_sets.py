@@ -6,6 +6,7 @@ from solidtouch.analysis.reproduce import report as reproduce
 from solidtouch.analysis.sensitivity import run as sensitivity
 from solidtouch.analysis.strategies import run as strategies_study
 from solidtouch.analysis.strategies.data import RIGHT, simulated_bench
+from solidtouch.analysis.tasks.kept import Kept
 from solidtouch.models.blocks import tap_digests
 from solidtouch.models.seeds import data_set_seed
 
@@ -67,8 +68,9 @@ def test_trials_of_sensitivity_have_the_seed_of_their_data_set(seen):
     """The first that of the command, in every reading."""
     source, settings = simulated_source("ideal", 2, 3), sensitivity.SensitivitySettings(trials=10, seed=3)
     for number in range(2):
+        tried = sensitivity._Tried(source, [sensitivity.Reading()], settings, Kept())
         with pytest.raises(_EnoughError):
-            sensitivity._play_fold(source, number, [sensitivity.Reading()], settings)
+            sensitivity._play_fold((number, [0]), tried)
 
     assert seen == [3, data_set_seed(3, 1)]
 
@@ -77,7 +79,8 @@ def test_trials_of_strategies_have_the_seed_of_their_data_set(seen):
     """With all that is learned for them."""
     bench, settings = simulated_bench(RIGHT, 2, 3), strategies_study.StrategySettings(trials=2, seed=3)
     for number in range(2):
+        shared = strategies_study._Shared(bench, settings, Kept(), Kept())
         with pytest.raises(_EnoughError):
-            strategies_study._play_fold(bench, number, [("none", ("passive",))], settings, print, print)
+            strategies_study._play_strategies((number, "none", ("passive",)), shared)
 
     assert seen == [3, data_set_seed(3, 1)]

@@ -5,10 +5,10 @@ import runpy
 import shutil
 from pathlib import Path
 
-from solidtouch.analysis.sweep.local import in_this_process
 from solidtouch.analysis.sweep.run import sweep
 from solidtouch.analysis.sweep.store import QUANTITIES
 from solidtouch.analysis.sweep.study import load_study, parse_study
+from solidtouch.analysis.tasks.local import in_this_process
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE = (DOCS / "how-to" / "sweep.md").read_text(encoding="utf-8")

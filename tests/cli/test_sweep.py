@@ -6,8 +6,8 @@ import time
 
 import pytest
 import xarray as xr
-from solidtouch.analysis.sweep import dask as sweep_dask
 from solidtouch.analysis.sweep.result import open_sweep
+from solidtouch.analysis.tasks import dask as task_dask
 from solidtouch.models.errors import InputError
 from sweep_study import results
 
@@ -102,10 +102,10 @@ def test_a_scheduler_is_not_waited_for_when_time_is_up_or_its_address_is_none(mo
     def refuse(*_, **__):
         raise error
 
-    monkeypatch.setattr(sweep_dask, "Client", refuse)
-    monkeypatch.setattr(sweep_dask.time, "sleep", lambda _: pytest.fail("It goes on waiting."))
+    monkeypatch.setattr(task_dask, "Client", refuse)
+    monkeypatch.setattr(task_dask.time, "sleep", lambda _: pytest.fail("It goes on waiting."))
     with pytest.raises(InputError, match="There is no Dask scheduler at nowhere"):
-        sweep_dask._client("nowhere", time.monotonic() + patience_s, patience_s)
+        task_dask._client("nowhere", time.monotonic() + patience_s, patience_s)
 
 
 def test_a_study_that_is_not_there_is_one_sentence(command, tmp_path):

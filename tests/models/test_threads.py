@@ -1,9 +1,11 @@
 """Tasks on threads."""
 
-from threading import Event
+import threading
+import time
+from concurrent.futures import CancelledError
 
 import pytest
-from solidtouch.models.threads import in_order
+from solidtouch.models.threads import check_wanted, cores, in_order, one_core
 
 
 @pytest.mark.parametrize("workers", [1, 3])
@@ -12,17 +14,41 @@ def test_results_come_in_order(workers):
     assert list(in_order(tasks, workers)) == [i * i for i in range(20)]
 
 
+def test_tasks_that_must_run_alone_run_where_results_are_taken():
+    """And others beside them."""
+    here = threading.get_ident()
+    odd = [lambda i=i: (i, threading.get_ident()) for i in range(9)]
+    results = list(in_order(odd, 2, lambda task: task.__defaults__[0] % 2 == 1))
+
+    assert [i for i, _ in results] == list(range(9))
+    assert all((thread == here) == (i % 2 == 1) for i, thread in results)
+
+
 def test_tasks_under_way_hear_that_nobody_wants_their_results():
     """As after Ctrl-C; otherwise whoever stops would wait for all that has begun."""
-    unwanted, heard = Event(), []
+    heard = []
 
     def task(number):
-        if number:
-            heard.append(unwanted.wait(20))
+        try:
+            for _ in range(2000 if number else 0):
+                check_wanted()
+                time.sleep(0.01)
+        except CancelledError:
+            heard.append(number)
+            raise
         return number
 
-    results = in_order([lambda i=i: task(i) for i in range(9)], 2, unwanted)
-    assert next(results) == 0
+    def outer(number):
+        return list(in_order([lambda: task(number)] * 2, 2))
+
+    results = in_order([lambda i=i: outer(i) for i in range(9)], 2)
+    assert next(results) == [0, 0]
     results.close()
     assert heard
-    assert all(heard)
+
+
+def test_work_beside_others_has_one_core_by_default():
+    with one_core():
+        assert (cores(None), cores(3)) == (1, 3)
+        assert list(in_order([lambda: cores(None)] * 2, 1)) == [1, 1]
+    assert cores(2) == 2

@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
-from solidtouch.analysis.sweep.cell import Outcome
 from solidtouch.analysis.sweep.cells import CellGrid
-from solidtouch.analysis.sweep.local import in_this_process
 from solidtouch.analysis.sweep.run import SweepProgress, sweep
 from solidtouch.analysis.sweep.store import DONE, QUANTITIES, SweepStore
 from solidtouch.analysis.sweep.study import load_study
+from solidtouch.analysis.tasks.local import in_this_process
+from solidtouch.analysis.tasks.task import Outcome
 from sweep_study import DISTINCT, GRID, results
 
 
@@ -52,11 +52,11 @@ def test_a_sweep_killed_at_any_write_loses_and_repeats_nothing(make_study, tmp_p
     computed: list[int] = []
     left = 0
 
-    def numbered(todo, effort, _load):
+    def numbered(todo, work, _load):
         """The outcome of a cell is its number."""
         for cell in todo:
             computed.append(cell.number)
-            value = np.full(len(effort.thresholds), float(cell.number))
+            value = np.full(len(work.keywords["effort"].thresholds), float(cell.number))
             yield Outcome(cell.number, dict.fromkeys(QUANTITIES, value), 0.5)
 
     def dying(temporary, target):

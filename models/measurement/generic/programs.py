@@ -11,28 +11,33 @@ _KEPT: dict[Any, Any] = {}
 _MOST = 64  # programs that are kept, the latest
 
 
-def compiled_once(function: Callable[..., Any]) -> Callable[..., Any]:
+class compiled_once:  # noqa: N801 - a decorator
     """Compiled function of arrays, whose shapes are those of the first call.
 
     Unlike those of `jax.jit`, programs are shared by functions that do the same, such as fits of folds of equal size:
     constants within a function are part of its program.
     """
-    own: list[Any] = []
 
-    def call(*arguments: Any) -> Any:
-        if not own:
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self._function = function
+        self._program: Any = None
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Result of the function."""
+        if self._program is None:
             # Without unused arguments the text would not tell which ones are used, nor their shapes.
-            lowered = jax.jit(function, keep_unused=True).lower(*arguments)
+            lowered = jax.jit(self._function, keep_unused=True).lower(*arguments)
             text = blake2b(lowered.as_text().encode()).digest()
             key = text, lowered.in_tree, lowered.out_tree
             found = _KEPT.pop(key, None) or lowered.compile()
             _KEPT[key] = found
             while len(_KEPT) > _MOST:
                 del _KEPT[next(iter(_KEPT))]
-            own.append(found)
-        return own[0](*arguments)
+            self._program = found
+        return self._program(*arguments)
 
-    return call
+    def __reduce__(self) -> tuple[Any, ...]:
+        return compiled_once, (self._function,)
 
 
 class OfOne(Messenger):

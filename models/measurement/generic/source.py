@@ -34,6 +34,16 @@ def add(function: Callable[..., Any], name: str) -> StoryFunction:
     return _registered[name]
 
 
+def all_registered() -> dict[str, StoryFunction]:
+    """Generative models that have been named in this process, by name, for `take_over` in another."""
+    return dict(_registered)
+
+
+def take_over(registered: dict[str, StoryFunction]) -> None:
+    """Registers what another process has registered."""
+    _registered.update(registered)
+
+
 @contextmanager
 def undone_on_error() -> Iterator[None]:
     """Takes back what is registered inside the block if that ends with an exception."""

@@ -1,5 +1,6 @@
 """The report of a comparison: what ArviZ takes of it."""
 
+import json
 import warnings
 from copy import deepcopy
 
@@ -7,8 +8,12 @@ import numpy as np
 import numpyro
 import numpyro.distributions as dist
 import pytest
+import xarray as xr
+from solidtouch.analysis.compare import report as compare_report
 from solidtouch.analysis.compare.report import compare
+from solidtouch.analysis.tasks.crew import on_runner
 from solidtouch.models.settings import FitSettings
+from task_runners import through_pickle
 
 
 @pytest.fixture(scope="module")
@@ -19,6 +24,40 @@ def report(make_taps):
     models = ["histogram", "gaussian", "profile"]
     parts = (taps.select(first), taps.select(~first))
     return compare(*parts, models=models, fit=FitSettings(bins=20), draws=0, trials=40, thresholds=[0.5, 0.9])
+
+
+FOUR_TAPS = {"fit": FitSettings(bins=10, method="map", unconverged=True), "trials": 20, "thresholds": [0.5]}
+
+
+def by_object(where, what, taps=None, *, M, J, K):
+    """A level of each object."""
+    with numpyro.plate("M", M):
+        loc = numpyro.sample("loc", dist.Normal(0.0, 3.0))
+    with numpyro.plate("tap", len(where), dim=-3), numpyro.plate("J", J, dim=-2), numpyro.plate("K", K, dim=-1):
+        numpyro.sample("taps", dist.Normal(loc[what][:, None, None], 1.0), obs=taps)
+
+
+@pytest.mark.parametrize(
+    "models", [["histogram", "gaussian", "session:gaussian"], [by_object]], ids=["built-in", "own"]
+)
+def test_models_fitted_and_judged_elsewhere_have_the_same_numbers(make_taps, monkeypatch, models):
+    """In all tables, to the last bit."""
+    taps = make_taps(L=2, M=2, J=3, K=2, sessions=3, repeats=6)
+    first = taps.session < 2
+    parts = taps.select(first), taps.select(~first)
+    here = compare(*parts, models=models, draws=100, **FOUR_TAPS)
+    monkeypatch.setattr(compare_report, "crew_of", lambda *_: on_runner(through_pickle))
+    there = compare(*parts, models=models, draws=100, scheduler="tcp://elsewhere:1", **FOUR_TAPS)
+
+    assert timeless(here) == timeless(there)
+    for name, group in here.tree.subtree_with_keys:
+        xr.testing.assert_identical(group.to_dataset().drop_attrs(), there.tree[name].to_dataset().drop_attrs())
+
+
+def timeless(report):
+    """The summary without what differs from run to run."""
+    models = [{**row, "seconds": None} for row in report.summary["models"]]
+    return json.dumps({**report.summary, "models": models, "elapsed_s": None})
 
 
 def compared(elpd):

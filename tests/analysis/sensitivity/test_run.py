@@ -23,6 +23,7 @@ from solidtouch.analysis.sensitivity.run import SensitivitySettings, play_readin
 from solidtouch.analysis.sensitivity.summary import blind_error, summarise
 from solidtouch.analysis.stats.jackknife import Interval
 from solidtouch.analysis.stats.resampled_units import RESAMPLES
+from solidtouch.analysis.tasks.crew import on_runner, on_threads
 from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.hardware.simulator.settings import PAPER_RODS, preset
 from solidtouch.inference.trials.records import tap_table
@@ -30,6 +31,7 @@ from solidtouch.models.errors import InputError
 from solidtouch.models.measurement.histogram import fit
 from solidtouch.models.progress import no_progress
 from solidtouch.models.splits import Fold
+from task_runners import through_pickle
 
 RIG = replace(preset("paper"), rods=PAPER_RODS[:3], start_mm=2.0, end_mm=10.0, spacing_mm=0.125)
 SAME = Choice("no choice", "nothing.", "none", "as it is", (Option("the same", {}), Option("the same again", {})))
@@ -206,15 +208,17 @@ def test_a_pair_is_both_options_at_once(source, study):
     assert pair.together.value == again.effects[0].change["active", "what_error"].value
 
 
-def test_the_same_seed_gives_the_same_numbers_on_any_number_of_threads(source):
+def test_the_same_seed_gives_the_same_numbers_on_any_number_of_threads_and_elsewhere(source):
     """And another seed gives others."""
     source = source._replace(folds=2)
     quick = settings("pseudocount", "drawing of test taps", strongest=2, trials=60)
     one, two = (
-        summarise([sensitivity_study(source, replace(quick, workers=workers), no_progress)], quick, DESCRIBED)
+        summarise([sensitivity_study(source, quick, no_progress, on_threads(workers))], quick, DESCRIBED)
         for workers in (1, 2)
     )
     assert json.dumps(one) == json.dumps(two)
+    elsewhere = sensitivity_study(source, quick, no_progress, on_runner(through_pickle))
+    assert json.dumps(summarise([elsewhere], quick, DESCRIBED)) == json.dumps(one)
     other = sensitivity_study(source, replace(quick, seed=3), no_progress)
     assert summarise([other], quick, DESCRIBED)["sources"] != one["sources"]
 

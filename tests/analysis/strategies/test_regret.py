@@ -33,6 +33,7 @@ from solidtouch.analysis.strategies.regret_summary import summarise_regret
 from solidtouch.analysis.strategies.report import StrategiesReport
 from solidtouch.analysis.strategies.run import BASE, STRATEGIES, StrategySettings
 from solidtouch.analysis.strategies.summary import summarise
+from solidtouch.analysis.tasks.crew import on_runner, on_threads
 from solidtouch.inference.bayes_risk.exact_cost import course, expected_cost
 from solidtouch.inference.bayes_risk.risk import exact_rule
 from solidtouch.inference.stopping.stopping import after, lookahead, what_above
@@ -40,9 +41,10 @@ from solidtouch.inference.trials.lockstep import play
 from solidtouch.inference.trials.records import plan_trials
 from solidtouch.models.errors import InputError
 from solidtouch.models.progress import no_progress
+from task_runners import through_pickle
 
 TINY = ProblemSize("5mm", range(3), (1, 3), 1, 4, 4)
-SETTINGS = RegretSettings(40, 1, 1)
+SETTINGS = RegretSettings(40, 1)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -76,7 +78,7 @@ def study(few, told):
         told.append((stage, total))
         return lambda done: told.append((stage, -done))
 
-    return regret_study(SETTINGS, progress)
+    return regret_study(SETTINGS, progress, on_threads(1))
 
 
 @pytest.fixture(scope="module")
@@ -121,7 +123,7 @@ def test_every_strategy_of_the_comparison_is_priced(tiny):
 @pytest.mark.parametrize("tap_cost", [0.001, 0.02, 0.1, 1.0])
 def test_nobody_is_cheaper_than_the_exact_rule(tiny, tap_cost):
     """Whatever a tap costs; and of each kind of rule there is one price."""
-    found = exact_regrets(tiny, tap_cost, 1, no_progress("", 0))
+    (found,) = exact_regrets([tiny], [tap_cost], on_threads(1), no_progress("", 0))
     assert found.least == exact_rule(found.problem).value
     assert found.best.total == pytest.approx(found.least)
     assert min(price.cost for price in found.prices) >= found.least - 1e-12
@@ -134,7 +136,7 @@ def test_nobody_is_cheaper_than_the_bounds(tiny):
     """Which are below the exact rule themselves; trials priced are the half that did not choose."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(regret, "_AT_ONCE", 1000)
-        cheap, dear = drawn_regrets(tiny, 3000, 0, 1, no_progress("", 0))
+        cheap, dear = drawn_regrets(tiny, RegretSettings(3000), on_threads(1), no_progress("", 0))
     for found in (cheap, dear):
         assert found.least == max(found.bounds.values())
         assert found.least <= exact_rule(found.problem).value + 1e-12
@@ -148,7 +150,11 @@ def test_prices_are_the_same_in_pieces_and_on_threads(study):
     """Pieces of 15 trials on one thread, or all of them on two."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(regret, "_AT_ONCE", 1000)
-        other = regret_study(RegretSettings(40, 1, 2), no_progress)
+        other = regret_study(SETTINGS, no_progress, on_threads(2))
+        elsewhere = regret_study(SETTINGS, no_progress, on_runner(through_pickle))
+    assert [one.bounds for one in elsewhere] == [two.bounds for two in other]
+    for one, two in zip(elsewhere, other, strict=True):
+        assert [price.each.tolist() for price in one.prices] == [price.each.tolist() for price in two.prices]
     for one, two in zip(study, other, strict=True):
         assert one.bounds == two.bounds
         for first, second in zip(one.prices, two.prices, strict=True):
@@ -157,7 +163,7 @@ def test_prices_are_the_same_in_pieces_and_on_threads(study):
 
 
 def test_the_seed_changes_trials_and_no_case(study):
-    other = regret_study(RegretSettings(40, 2, 1), no_progress)
+    other = regret_study(RegretSettings(40, 2), no_progress, on_threads(1))
     assert [one.bounds for one in study] == [one.bounds for one in other]
     assert [price.cost for price in study[0].prices] == [price.cost for price in other[0].prices]
     assert [price.cost for price in study[-1].prices] != [price.cost for price in other[-1].prices]
@@ -249,6 +255,6 @@ def test_the_cases_themselves_are_worth_looking_at():
             found = world(case)
             assert found.symbols.kept > 0.8
             if case.exact:
-                regrets = exact_regrets(found, TAP_COSTS[0], 1, no_progress("", 0))
+                (regrets,) = exact_regrets([found], TAP_COSTS[:1], on_threads(1), no_progress("", 0))
                 assert 0.1 < regrets.best.loss < 0.5
                 assert regrets.cheapest.cost >= regrets.least - 1e-12

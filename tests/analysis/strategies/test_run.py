@@ -26,17 +26,19 @@ from solidtouch.analysis.strategies.page import strategies_page
 from solidtouch.analysis.strategies.report import StrategiesReport
 from solidtouch.analysis.strategies.run import BASE, TRUSTED, StrategySettings, playable, strategy_study
 from solidtouch.analysis.strategies.summary import summarise
+from solidtouch.analysis.tasks.crew import on_runner, on_threads
 from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.hardware.simulator.settings import PAPER_RODS, preset
 from solidtouch.inference.information import tap_outcomes
 from solidtouch.models.errors import InputError
 from solidtouch.models.measurement.histogram import fit
 from solidtouch.models.progress import no_progress
+from task_runners import through_pickle
 
 RIG = replace(preset("paper"), rods=PAPER_RODS[:3], start_mm=2.0, end_mm=10.0, spacing_mm=0.125)
 FEW = ("passive", "random", BASE, "info-what", "info-what-per-mm", "table")
 DESCRIBED = {"title": "A small comparison", "command": "solidtouch strategies"}
-SETTINGS = StrategySettings(trials=50, deadline=12, pool=100, seed=1, strategies=FEW, workers=1)
+SETTINGS = StrategySettings(trials=50, deadline=12, pool=100, seed=1, strategies=FEW)
 
 
 def load(number):
@@ -52,7 +54,7 @@ def bench():
 
 @pytest.fixture(scope="module")
 def study(bench):
-    return strategy_study(bench, SETTINGS, no_progress)
+    return strategy_study(bench, SETTINGS, no_progress, on_threads(1))
 
 
 @pytest.fixture(scope="module")
@@ -138,15 +140,16 @@ def test_other_roots_have_the_strategies_that_are_trusted_most(study):
     assert study.played[1].exponents != study.played[0].exponents
 
 
-def test_the_same_seed_gives_the_same_numbers_on_any_number_of_threads(bench):
+def test_the_same_seed_gives_the_same_numbers_on_any_number_of_threads_and_elsewhere(bench):
     """And another seed gives others."""
     few = replace(SETTINGS, strategies=("random", BASE, "info-what"), trials=50)
     small = bench._replace(folds=2, powers=("J",))
-    one, two, other = (
-        summarise([strategy_study(small, one, no_progress)], few, DESCRIBED)["sources"]
-        for one in (few, replace(few, workers=2), replace(few, seed=9))
+    crews = on_threads(1), on_threads(2), on_runner(through_pickle)
+    one, two, elsewhere, other = (
+        summarise([strategy_study(small, one, no_progress, crew)], few, DESCRIBED)["sources"]
+        for one, crew in (*((few, crew) for crew in crews), (replace(few, seed=9), crews[0]))
     )
-    assert json.dumps(one) == json.dumps(two)
+    assert json.dumps(one) == json.dumps(two) == json.dumps(elsewhere)
     assert json.dumps(one) != json.dumps(other)
 
 
@@ -254,20 +257,24 @@ def test_figures_show_every_strategy(summary):
     assert len(marks) == len(known)
 
 
-def test_interrupted_data_sets_do_not_go_on(bench):
-    """Not a strategy more is played by those that are under way."""
-    played = []
+def test_interrupted_data_sets_do_not_go_on(bench, monkeypatch):
+    """Those that are under way play no strategy to its end."""
+    ended = []
+    play = strategies_run.play
+    monkeypatch.setattr(strategies_run, "play", lambda *a, **b: ended.append(play(*a, **b)) or ended[-1])
+    after = []
 
     def progress(name, total):
         def advance(number):
-            played.append(number)
+            after.append(len(ended))
             raise KeyboardInterrupt
 
         return advance
 
     with pytest.raises(KeyboardInterrupt):
-        strategy_study(bench, replace(SETTINGS, workers=2), progress)
-    assert len(played) <= 2
+        strategy_study(bench, SETTINGS, progress, on_threads(2))
+    assert len(after) == 1
+    assert len(ended) <= after[0] + 2
 
 
 def test_what_is_sure_is_told(summary):

@@ -1,20 +1,16 @@
 """Sweeps on a Dask cluster: a scheduler and two workers as processes of their own."""
 
-import os
-import socket
-import subprocess
-import sys
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
-from solidtouch.analysis.sweep.dask import on_cluster
-from solidtouch.analysis.sweep.local import in_this_process
+from dask_cluster import Cluster, wait_for
 from solidtouch.analysis.sweep.result import open_sweep
 from solidtouch.analysis.sweep.run import SweepProgress, sweep
+from solidtouch.analysis.tasks.dask import on_cluster
+from solidtouch.analysis.tasks.local import in_this_process
 from solidtouch.models.errors import InputError
 
 pytestmark = [
@@ -27,9 +23,9 @@ GRID = 'policy = ["active"]\nseed = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11]\npseu
 CELLS = 24
 TRIALS = 100_000
 OTHER_VERSION = """
-import solidtouch.analysis.sweep.code as sweep_code
-real = sweep_code.code()
-sweep_code.code = lambda: real | {"numba": "0.1"}
+import solidtouch.analysis.tasks.code as task_code
+real = task_code.code()
+task_code.code = lambda: real | {"numba": "0.1"}
 """
 
 WITHOUT = """
@@ -40,47 +36,6 @@ class Without:
             raise ModuleNotFoundError(f"No module named {name!r}")
 sys.meta_path.insert(0, Without())
 """
-
-
-class Cluster:
-    """A scheduler on a port of its own, and workers."""
-
-    def __init__(self, folder: Path) -> None:
-        with socket.socket() as free:
-            free.bind(("127.0.0.1", 0))
-            self.port = free.getsockname()[1]
-        self.folder = folder
-        self.processes: list[subprocess.Popen] = []
-
-    @property
-    def address(self) -> str:
-        """Of the scheduler."""
-        return f"tcp://127.0.0.1:{self.port}"
-
-    def scheduler(self) -> subprocess.Popen:
-        return self._start("scheduler", "--host", "127.0.0.1", "--port", str(self.port), "--no-dashboard")
-
-    def worker(self, *words: object) -> subprocess.Popen:
-        return self._start("worker", self.address, "--nthreads", "1", "--no-nanny", "--no-dashboard", *words)
-
-    def end(self) -> None:
-        for process in self.processes:
-            process.kill()
-            process.wait()
-
-    def _start(self, *words: object) -> subprocess.Popen:
-        call = [sys.executable, "-m", "dask", *map(str, words)]
-        environment = os.environ | {
-            "OMP_NUM_THREADS": "1",
-            "OPENBLAS_NUM_THREADS": "1",
-            "DASK_LOGGING__DISTRIBUTED": "error",
-        }
-        self.processes.append(
-            subprocess.Popen(
-                call, cwd=self.folder, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-            )
-        )
-        return self.processes[-1]
 
 
 @pytest.fixture
@@ -214,15 +169,3 @@ def test_a_scheduler_without_workers_is_named(make_study, cluster):
 
     with pytest.raises(InputError, match="has no worker after 1 s"):
         run(make_study(), cluster, patience=1.0)
-
-
-def wait_for(port: int) -> None:
-    """Until a program listens on a port."""
-    for _ in range(300):
-        try:
-            socket.create_connection(("127.0.0.1", port), 1).close()
-        except OSError:
-            time.sleep(0.1)
-        else:
-            return
-    raise TimeoutError(port)

@@ -12,14 +12,14 @@ import xarray as xr
 from scipy.stats import t
 from solidtouch.analysis.stats.resampled_units import spread_of_taps, units_of
 from solidtouch.analysis.sweep import cell as sweep_cell
-from solidtouch.analysis.sweep import code as sweep_code
 from solidtouch.analysis.sweep import run as sweep_module
 from solidtouch.analysis.sweep.cells import CellGrid
 from solidtouch.analysis.sweep.data import Sources
-from solidtouch.analysis.sweep.local import in_processes, in_this_process
 from solidtouch.analysis.sweep.result import open_sweep, over_data
 from solidtouch.analysis.sweep.run import SweepProgress, sweep
 from solidtouch.analysis.sweep.study import load_study
+from solidtouch.analysis.tasks import code as task_code
+from solidtouch.analysis.tasks.local import in_processes, in_this_process
 from solidtouch.inference.trials.resampling import Spread
 from solidtouch.models.errors import InputError
 from sweep_study import DISTINCT, GRID, results
@@ -216,7 +216,7 @@ def test_other_taps_are_refused(make_study, make_taps, tmp_path):
 def test_other_software_is_refused(make_study, tmp_path, monkeypatch):
     path = make_study()
     sweep(path, tmp_path / "s.zarr", in_this_process)
-    other = sweep_code.code() | {"numba": "0.1"}
+    other = task_code.code() | {"numba": "0.1"}
     monkeypatch.setattr("solidtouch.analysis.sweep.run.code", lambda: other)
 
     with pytest.raises(InputError, match=r"begun with other software; now there is numba 0\.1 instead of"):

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
-from solidtouch.analysis.sweep.cell import Outcome
 from solidtouch.analysis.sweep.cells import CellGrid
 from solidtouch.analysis.sweep.result import open_sweep
 from solidtouch.analysis.sweep.store import DONE, FAILED, PENDING, QUANTITIES, create_store, locked, read_about
+from solidtouch.analysis.tasks.task import Outcome
 from solidtouch.models.errors import InputError
 
 THRESHOLDS = (0.5, 0.95)

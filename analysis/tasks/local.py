@@ -1,7 +1,7 @@
-"""Runs the cells of a sweep on this machine: in this process, or in a pool whose processes may die.
+"""Runs tasks on this machine: in this process, or in a pool whose processes may die.
 
-Workers are fresh interpreters, so nothing of this process leaks into them; each has a pipe, holds one data set at a
-time and is sent the next when it needs it. They end with this process, however it ends.
+Workers are fresh interpreters, so nothing of this process leaks into them; each has a pipe, holds the data of one
+name at a time and is sent the next when it needs them. They end with this process, however it ends.
 """
 
 import os
@@ -13,20 +13,19 @@ from contextlib import contextmanager, suppress
 from multiprocessing import connection, get_context, parent_process
 from multiprocessing.connection import Connection
 from types import ModuleType
+from typing import Any
 
 from ...models.errors import InputError
-from .batches import Batch, CellQueue
-from .cell import Load, Outcome, Runner, try_cell
-from .cells import Cell, Effort
-from .data import DataSet
+from .batches import Batch, TaskQueue
+from .task import Load, Outcome, Runner, Task, Work, attempt
 
 _BATCH_S = 0.2
 
 
-def in_this_process(cells: Iterator[Cell], effort: Effort, load: Load) -> Generator[Outcome]:
-    """Runs one cell after the other."""
-    for cell in cells:
-        yield try_cell(cell, effort, load(cell.data))
+def in_this_process(tasks: Iterator[Task], work: Work, load: Load) -> Generator[Outcome]:
+    """Runs one task after the other."""
+    for task in tasks:
+        yield attempt(task, work, load(task.data))
 
 
 def in_processes(workers: int) -> Runner:
@@ -36,13 +35,13 @@ def in_processes(workers: int) -> Runner:
         InputError: A process ends before it is ready to work.
     """
 
-    def run(cells: Iterator[Cell], effort: Effort, load: Load) -> Generator[Outcome]:
-        queue = CellQueue(cells, _BATCH_S)
+    def run(tasks: Iterator[Task], work: Work, load: Load) -> Generator[Outcome]:
+        queue = TaskQueue(tasks, _BATCH_S)
         crew: list[_Worker] = []
         try:
             while True:
                 if queue and len(crew) < workers:
-                    crew.append(_Worker(effort))
+                    crew.append(_Worker(work))
                     continue
                 for worker in crew:
                     if worker.idle and queue:
@@ -68,13 +67,13 @@ def in_processes(workers: int) -> Runner:
 class _Worker:
     """One process and what it is at."""
 
-    def __init__(self, effort: Effort) -> None:
+    def __init__(self, work: Work) -> None:
         context = get_context("spawn")
         self.batch: Batch | None = None
         self.ready = False
         self._data = ""
         self.pipe, other = context.Pipe()
-        self._process = context.Process(target=_work, args=(other, effort), daemon=True)
+        self._process = context.Process(target=_work, args=(other, work), daemon=True)
         # Ctrl-C reaches every process of a terminal; what to do about it is decided here alone.
         signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
@@ -90,11 +89,11 @@ class _Worker:
         return self.ready and self.batch is None
 
     def give(self, batch: Batch, load: Load) -> None:
-        """Sends a batch, and its data set where the worker holds another."""
+        """Sends a batch, and its data where the worker holds others."""
         data = load(batch.data) if batch.data != self._data else None
         self.batch, self._data = batch, batch.data
         with suppress(OSError):  # a worker that has died is noticed when nothing comes back
-            self.pipe.send((batch.cells, data))
+            self.pipe.send((batch.tasks, data))
 
     def hear(self) -> list[Outcome]:
         """What it has sent: that it is ready, or the outcomes of its batch.
@@ -119,7 +118,7 @@ class _Worker:
 
 @contextmanager
 def _another_main() -> Iterator[None]:
-    """Processes started within the block do not import the script that is running, which would start the sweep again.
+    """Processes started within the block do not import the script that is running, which would start the work again.
 
     Workers need nothing of it, and `multiprocessing` asks `sys.modules` which it is.
     """
@@ -137,7 +136,7 @@ def _heard(crew: list[_Worker]) -> list[_Worker]:
     return [worker for worker in crew if worker.pipe in pipes]
 
 
-def _mourn(worker: _Worker, queue: CellQueue, *, alone: bool) -> list[Outcome]:
+def _mourn(worker: _Worker, queue: TaskQueue, *, alone: bool) -> list[Outcome]:
     """What becomes of the work of a process that died; one that was killed while others work is replaced.
 
     Raises:
@@ -153,16 +152,16 @@ def _mourn(worker: _Worker, queue: CellQueue, *, alone: bool) -> list[Outcome]:
     return queue.died(worker.batch, f"The worker process died ({how}); the machine may have run out of memory.")
 
 
-def _work(pipe: Connection, effort: Effort) -> None:
+def _work(pipe: Connection, work: Work) -> None:
     """The life of a worker process."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
     pipe.send([])
-    held: list[DataSet] = []
+    held: list[Any] = []
     with suppress(EOFError, OSError):
         while True:
-            cells, sent = pipe.recv()
-            held = [sent] if sent else held
-            pipe.send([try_cell(cell, effort, held[0]) for cell in cells])
+            tasks, sent = pipe.recv()
+            held = [sent] if sent is not None else held
+            pipe.send([attempt(task, work, held[0]) for task in tasks])
 
 
 def _end_with_parent() -> None:

@@ -1,8 +1,8 @@
-"""Runs the cells of a sweep on a Dask cluster.
+"""Runs tasks on a Dask cluster.
 
-The scheduler holds few batches at a time, whatever the size of the study, and sees to workers that die. When it dies
-itself, its successor at the same address is given what was not finished. A data set goes to the scheduler once and
-from there to the workers that need it.
+The scheduler holds few batches at a time, however many tasks there are, and sees to workers that die. When it dies
+itself, its successor at the same address is given what was not finished. Data that tasks share go to the scheduler
+once and from there to the workers that need them.
 """
 
 import logging
@@ -18,11 +18,10 @@ from dask import config
 from distributed import Client, Future, KilledWorker, get_worker
 
 from ...models.errors import InputError
-from .batches import Batch, CellQueue
-from .cell import Load, Outcome, Runner, try_cell
-from .cells import Cell, Effort
+from ...models.threads import one_blas_thread, one_core
+from .batches import Batch, TaskQueue
 from .code import code, differences
-from .data import DataSet
+from .task import Load, Outcome, Runner, Task, Work, attempt
 
 _SECONDS_PER_THREAD = 0.01  # batches that take this long for each thread of the cluster come back 100 times a second
 _LEAST_S = 0.5
@@ -53,12 +52,12 @@ def on_cluster(address: str, patience_s: float, note: Callable[[str], object]) -
     for library in ("distributed", "tornado", "asyncio"):
         logging.getLogger(library).setLevel(logging.CRITICAL)
 
-    def run(cells: Iterator[Cell], effort: Effort, load: Load) -> Generator[Outcome]:
-        queue = CellQueue(cells, _LEAST_S)
+    def run(tasks: Iterator[Task], work: Work, load: Load) -> Generator[Outcome]:
+        queue = TaskQueue(tasks, _LEAST_S)
         while queue:
             with _connected(address, patience_s) as client:
                 try:
-                    yield from _Session(client, queue, effort, load).outcomes()
+                    yield from _Session(client, queue, work, load).outcomes()
                 except _Lost:
                     note(f"The connection to the scheduler at {address} is lost; waiting for it to come back.")
 
@@ -116,15 +115,15 @@ class _Session:
 
     Args:
         client: Of the scheduler.
-        queue: Cells to do.
-        effort: The same in every cell.
-        load: Gives a data set by name.
+        queue: Tasks to do.
+        work: What each of them does.
+        load: Gives data by name.
     """
 
-    def __init__(self, client: Client, queue: CellQueue, effort: Effort, load: Load) -> None:
+    def __init__(self, client: Client, queue: TaskQueue, work: Work, load: Load) -> None:
         self._client = client
         self._queue = queue
-        self._effort = effort
+        self._work = work
         self._load = load
         self._name = uuid4().hex[:8]
         self._submitted = 0
@@ -135,7 +134,7 @@ class _Session:
         self._limit = 0
 
     def outcomes(self) -> Iterator[Outcome]:
-        """Cells as they finish.
+        """Outcomes as tasks finish.
 
         Raises:
             _Lost: The scheduler has to be found anew; what it had goes back to the queue.
@@ -167,30 +166,25 @@ class _Session:
         while self._queue and len(self._out) < self._limit:
             batch = self._queue.take()
             self._submitted += 1
-            # A name for each data set lets the scheduler see its batches as one group and hand them to any worker.
-            future = self._client.submit(
-                _work,
-                self._given(batch.data),
-                batch,
-                self._effort,
-                code(),
-                key=(f"cells-{self._name}-{batch.data}", self._submitted),
-                pure=False,
-            )
+            # A name for each data lets the scheduler see their batches as one group and hand them to any worker.
+            key = f"tasks-{self._name}-{batch.data}", self._submitted
+            given = self._given(batch.data), batch, self._work, code()
+            future = self._submit(_work, *given, key=key)
             self._out[future] = batch
             future.add_done_callback(self._ended.put)
 
     def _given(self, name: str) -> Future:
-        """The data set on the cluster; those no batch needs are dropped there."""
+        """The data on the cluster; those no batch needs are dropped there."""
         if name not in self._data:
             needed = {batch.data for batch in self._out.values()}
             self._data = {other: future for other, future in self._data.items() if other in needed}
             # As an argument the scheduler keeps it, and can give it to another worker when one dies with it.
-            with config.set({"distributed.admin.large-graph-warning-threshold": "1TB"}):
-                self._data[name] = self._client.submit(
-                    _keep, self._load(name), key=f"data-{self._name}-{name}", pure=False
-                )
+            self._data[name] = self._submit(_keep, self._load(name), key=f"data-{self._name}-{name}")
         return self._data[name]
+
+    def _submit(self, function: Callable[..., Any], *arguments: Any, key: Any) -> Future:
+        with config.set({"distributed.admin.large-graph-warning-threshold": "1TB"}):
+            return self._client.submit(function, *arguments, key=key, pure=False)
 
     def _received(self, future: Future, batch: Batch) -> list[Outcome]:
         """The outcomes of a batch that has ended one way or the other."""
@@ -209,15 +203,16 @@ class _Session:
         return self._queue.died(batch, f"The worker could not run it: {type(error).__name__}: {error}.")
 
 
-def _keep(data: DataSet) -> DataSet:
-    """The data set, as a task of the cluster."""
+def _keep(data: Any) -> Any:
+    """The data, as a task of the cluster."""
     return data
 
 
-def _work(data: DataSet, batch: Batch, effort: Effort, expected: dict[str, str]) -> list[Outcome]:
+def _work(data: Any, batch: Batch, work: Work, expected: dict[str, str]) -> list[Outcome]:
     """The outcomes of a batch, on a worker."""
     try:
         _check(get_worker().address, expected, code())
     except InputError as error:
         raise WrongCode(str(error)) from error
-    return [try_cell(cell, effort, data) for cell in batch.cells]
+    with one_core(), one_blas_thread():
+        return [attempt(task, work, data) for task in batch.tasks]
