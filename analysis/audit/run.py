@@ -1,6 +1,7 @@
 """Audit of the naive-Bayes assumption on recorded taps: where it fails, what that costs, which remedy helps."""
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -171,26 +172,30 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
     with clock.stage("Checking for leakage"):
         known = [parts.train] if parts.halved else [parts.train, *parts.tune]
         leaks = leakage(concatenate(known), parts.measure, grid, seed, settings.pre)
-    with clock.stage("Testing taxels", 2 * len(np.unique(stratum))) as advance:
-        local = contrasts(taps.taps, stratum, recorded_time(taps), taps.session, MOST_TAPS) if by_session else None
-        whole = taxel_dependence(taps.taps[some], stratum[some], progress=advance, **options)
-        taxels = against_drift(whole, local, progress=advance, **options)
-    with clock.stage("Testing times", len(np.unique(stratum))) as advance:
-        times = time_dependence(taps.taps[some], stratum[some], progress=advance, **options)
-    with clock.stage("Sampling variance components"):
-        where, what = taps.indices(grid)
-        components = variance_components(taps.taps, where * grid.M + what, taps.session, seed)
-    with clock.stage("Fitting remedies", count_remedies(settings.models)) as advance:
-        remedies, refused = make_remedies(
-            parts.train, parts.tune, grid, setting, SEQUENCE, seed, advance, settings.models
-        )
-    with clock.stage("Tuning on taps of a correct model", settings.tuned_simulations) as advance:
-        remedies = beside_right(remedies, parts.train, parts.tune, SEQUENCE, seed, advance, settings.tuned_simulations)
-    base = remedies[0]
-    with clock.stage("Decomposing the variance"):
-        split, no_split, p = _split(parts, grid, base, settings, suspects)
-    with clock.stage("Checking predictions", count_replicates(taps, settings.replicates)) as advance:
-        checks = audit_checks(taps, _histograms(base.model), seed, settings.replicates, advance)
+    where, what = taps.indices(grid)
+    with ThreadPoolExecutor(1) as beside:  # for what keeps one core busy
+        sampled = beside.submit(variance_components, taps.taps, where * grid.M + what, taps.session, seed)
+        with clock.stage("Testing taxels", 2 * len(np.unique(stratum))) as advance:
+            local = contrasts(taps.taps, stratum, recorded_time(taps), taps.session, MOST_TAPS) if by_session else None
+            whole = taxel_dependence(taps.taps[some], stratum[some], progress=advance, **options)
+            taxels = against_drift(whole, local, progress=advance, **options)
+        with clock.stage("Testing times", len(np.unique(stratum))) as advance:
+            times = time_dependence(taps.taps[some], stratum[some], progress=advance, **options)
+        with clock.stage("Sampling variance components"):
+            components = sampled.result()
+        with clock.stage("Fitting remedies", count_remedies(settings.models)) as advance:
+            remedies, refused = make_remedies(
+                parts.train, parts.tune, grid, setting, SEQUENCE, seed, advance, settings.models
+            )
+        base = remedies[0]
+        parted = beside.submit(_split, parts, grid, base, settings, suspects)
+        with clock.stage("Tuning on taps of a correct model", settings.tuned_simulations) as advance:
+            own = parts.train, parts.tune, SEQUENCE, seed, advance, settings.tuned_simulations
+            remedies = beside_right(remedies, *own)
+        with clock.stage("Checking predictions", count_replicates(taps, settings.replicates)) as advance:
+            checks = audit_checks(taps, _histograms(base.model), seed, settings.replicates, advance)
+        with clock.stage("Decomposing the variance"):
+            split, no_split, p = parted.result()
     with clock.stage("Measuring remedies", count_measurements(remedies, settings.simulations)) as advance:
         measured = measure(
             remedies,

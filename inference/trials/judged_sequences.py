@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...models.compiled import compiled
+from ...models.elementary import LEAST, exponential
 from ...models.errors import InputError
 from ...models.measurement.model import TapModel
 from ...models.taps import TapSet
@@ -173,12 +174,13 @@ def _log_beliefs(
         for c in range(len(joint)):
             joint[c] = share[q] * (log_prior[c] + exponent * log_likelihood[q, c])
             top = max(top, joint[c])
+        for c in range(len(joint)):
             if group[c] == true[q]:
                 mine = max(mine, joint[c])
         total = own = 0.0
         for c in range(len(joint)):
-            if joint[c] > top - _NOTHING:
-                total += math.exp(joint[c] - top)
+            total += exponential(max(joint[c] - top, LEAST))
+        for c in range(len(joint)):
             if group[c] == true[q] and joint[c] > mine - _NOTHING:
                 own += math.exp(joint[c] - mine)
         out[q] = mine - top + math.log(own / total) if mine > -np.inf else mine - top
