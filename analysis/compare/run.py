@@ -1,14 +1,12 @@
 """Comparison of measurement models on the same taps at three levels: taps, classes and decisions."""
 
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
 from ...inference.trials.records import TapTable, tap_table
 from ...inference.trials.resampling import RESAMPLES
@@ -16,12 +14,11 @@ from ...inference.trials.run import THRESHOLDS
 from ...inference.tuning.tempering import fit_tempered
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
-from ...models.measurement.draws import by_numpyro
 from ...models.measurement.fits.portable import PortableFit
 from ...models.measurement.generic.source import all_registered, take_over
 from ...models.measurement.likelihood.bins import bin_edges
-from ...models.measurement.model import BINS, Fitted
-from ...models.measurement.registry import fit_model, split_name, suited
+from ...models.measurement.model import Fitted
+from ...models.measurement.registry import split_name, suited
 from ...models.progress import Progress, ShownHere
 from ...models.settings import FitSettings, PlaySettings
 from ...models.taps import TapSet
@@ -29,11 +26,12 @@ from ...models.threads import one_blas_thread
 from ..page.stages import StageClock
 from ..stats.checks import REPLICATES, predictive_checks
 from ..stats.decisions import at_equal_taps, decision_curves, planned, play_models
-from ..tasks.crew import ONE_BY_ONE, Crew, on_threads
+from ..tasks.crew import ONE_BY_ONE, Crew
 from ..tasks.kept import Kept
 from .classes import class_scores
-from .groups import UNITS, GroupFold, folds_of, known_taps, said, score_kinds, scorer
-from .taps import TapScores, join_scores, leave_one_tap_out, mean_scores, relative_elpd, stacked
+from .groups import UNITS, known_taps
+from .left_out import LeftGroups, leave_out_groups
+from .taps import leave_one_tap_out, stacked
 
 _FEWEST_DRAWS = 100
 FEWEST_RESAMPLES = 2
@@ -73,7 +71,7 @@ class Comparison(NamedTuple):
         refused: Why each of the others could not.
         seconds: How long each model took to fit to the training taps.
         left_out_taps: Over (model, tap), see `taps.leave_one_tap_out`; `None` where it was skipped.
-        left_out_groups: Means over (model) of `groups.score_fold`, see `taps.mean_scores`; `None` without a second
+        left_out_groups: Means over (model) of `left_out`, see `taps.mean_scores`; `None` without a second
             group. The attribute `unit` says what groups are.
         elpd: Log probabilities of the taps of groups left out by model, see `taps.relative_elpd`; nothing without a
             second group.
@@ -118,9 +116,6 @@ def compare_models(
 ) -> Comparison:
     """Fits every model and compares those that can be fitted to the training taps, here or on a cluster.
 
-    Here models are fitted one after the other; those of groups left out several at a time, but for those of NumPyro,
-    which runs models in one thread at a time.
-
     Raises:
         InputError: No model could be fitted, no test tap belongs to a class that all know, or a setting is wrong.
     """
@@ -132,9 +127,9 @@ def compare_models(
     fits, learned, refused, seconds = _fit_all(settings.models, train, grid, fit, clock, each)
     shared = _shared(fits, test)
     left_out = _leave_out_taps(fits, train, settings, clock, each)
-    groups, elpd, sentence, missing = _leave_out_groups(
-        fits, train, test, grid, fit, settings, clock, crew or on_threads(alone=partial(_of_numpyro, fits))
-    )
+    how = settings.folds, settings.one_recording, settings.seed
+    left = LeftGroups(settings.leave_out, train, test, grid, fit, *how, all_registered(), Kept())
+    groups, elpd, sentence, missing = leave_out_groups(fits, left, clock, crew)
     checks, incomplete = None, bool(np.isnan(train.taps).any())
     if settings.draws and incomplete:
         missing.append("Predictive checks are left out, because training taps have missing samples.")
@@ -290,115 +285,3 @@ def _leave_out_taps(
             parts.append(next(results))
     names = xr.DataArray(np.array(list(with_posterior), dtype=np.str_), dims="model", name="model")
     return xr.concat(parts, dim=names, join="outer", data_vars="all").assign_attrs(draws=settings.draws)
-
-
-class _Groups(NamedTuple):
-    """How groups are left out; the folds are made once in every process."""
-
-    unit: str
-    train: TapSet
-    test: TapSet
-    grid: ClassGrid
-    fit: FitSettings
-    settings: CompareSettings
-    functions: dict[str, Any]
-    made: Kept[tuple[list[GroupFold], str]]
-
-    def folds(self) -> tuple[list[GroupFold], str]:
-        """See `folds_of`."""
-        most, one_recording = self.settings.folds, self.settings.one_recording
-        how = partial(folds_of, self.unit, self.train, self.test, self.grid, most, one_recording=one_recording)
-        return self.made(None, how)
-
-
-class _Refitted(NamedTuple):
-    """A model without a fold, the classes that are judged, and the exponent of its decisions."""
-
-    fold: int
-    name: str
-    made: PortableFit
-    judged: NDArray[np.bool_]
-    exponent: float
-
-
-def _leave_out_groups(
-    fits: dict[str, Fitted],
-    train: TapSet,
-    test: TapSet,
-    grid: ClassGrid,
-    fit: FitSettings,
-    settings: CompareSettings,
-    clock: StageClock,
-    crew: Crew,
-) -> tuple[xr.Dataset | None, dict[str, Any], str, list[str]]:
-    unit = settings.leave_out
-    groups = _Groups(unit, train, test, grid, fit, settings, all_registered(), Kept())
-    folds, sentence = groups.folds()
-    if not folds:
-        return None, {}, sentence, []
-    scores: dict[str, dict[str, list[TapScores]]] = {}
-    failed: dict[str, str] = {}
-    with clock.stage(f"Leaving out {unit}s", len(folds) * len(fits)) as advance:
-        for name, parts in crew(_score, _refits(fits, groups, failed, crew), groups, advance):
-            for kind, part in parts.items():
-                scores.setdefault(kind, {}).setdefault(name, []).append(part)
-    whole = {
-        kind: {name: join_scores(parts) for name, parts in named.items() if len(parts) == len(folds)}
-        for kind, named in scores.items()
-    }
-    kinds = score_kinds(unit, grid, in_bins=all(fitted.model.measure == BINS for fitted in fits.values()))
-    means = [
-        mean_scores(named, next(iter(named)), kind, settings.seed, kinds[kind])
-        for kind, named in whole.items()
-        if named
-    ]
-    merged = xr.merge(means, join="outer", combine_attrs="drop_conflicts").assign_attrs(unit=unit) if means else None
-    elpd = relative_elpd(predicted, len(folds)) if (predicted := whole.get("integrated")) else {}
-    missing = [f"{name} has no value for left-out {unit}s: {reason}" for name, reason in failed.items()]
-    return merged, elpd, sentence, missing
-
-
-def _refits(fits: dict[str, Fitted], groups: _Groups, failed: dict[str, str], crew: Crew) -> Iterator[_Refitted]:
-    """The models fitted to the training taps of each fold; their power does not matter for taps."""
-    folds, _ = groups.folds()
-    wanted = [(number, name) for number, fold in enumerate(folds) if fold.train is not groups.train for name in fits]
-    results = iter(crew(_refit, wanted, groups))
-    for number, fold in enumerate(folds):
-        refitted = {name: PortableFit(fitted) for name, fitted in fits.items()}
-        for name in fits if fold.train is not groups.train else ():
-            made = next(results)
-            if isinstance(made, PortableFit):
-                refitted[name] = made
-            else:
-                del refitted[name]
-                failed.setdefault(name, f"without {fold.name}, {made}")
-        if not refitted:
-            raise InputError(f"No model can be fitted without {fold.name}.")
-        judged = np.all([said(made.fitted.model.trained, groups.unit) for made in refitted.values()], axis=0)
-        for name, made in refitted.items():
-            yield _Refitted(number, name, made, judged, fits[name].model.exponent)
-
-
-def _of_numpyro(fits: dict[str, Fitted], item: Any) -> bool:
-    """Whether the model of a task runs NumPyro; tasks hold their fold and its name first."""
-    fitted = fits[item[1]]
-    return by_numpyro(fitted.model) or hasattr(fitted.posterior, "sizes")
-
-
-def _refit(item: tuple[int, str], groups: _Groups) -> PortableFit | str:
-    """A model without a fold, or why there is none."""
-    (number, name), (folds, _) = item, groups.folds()
-    take_over(groups.functions)
-    try:
-        fit = suited(name, groups.fit.changed(power="none"))
-        return PortableFit(fit_model(name, folds[number].train, groups.grid, fit))
-    except InputError as error:
-        return str(error)
-
-
-def _score(item: _Refitted, groups: _Groups) -> tuple[str, dict[str, TapScores]]:
-    """Scores of a model for the taps of the fold that it is without."""
-    folds, _ = groups.folds()
-    taps = known_taps(folds[item.fold].test, groups.grid, item.judged)
-    score = scorer(groups.unit, folds, groups.grid, groups.settings.seed)
-    return item.name, score(item.made.fitted, taps, item.exponent)
