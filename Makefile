@@ -6,7 +6,7 @@ PY := $(VENV)/bin/python
 # Files of tests on all cores, but not on so many that memory runs short, in the order of tests/conftest.py.
 SIDE_BY_SIDE := -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
-.PHONY: run test test-times test-all check format bench bench-quick studies audit-studies interval-studies results reference-studies strategy-studies fuzz faults kills mutants house rig-demo lock clean help
+.PHONY: run test test-times test-all check format bench bench-cluster bench-quick studies audit-studies interval-studies results reference-studies strategy-studies fuzz faults kills mutants house rig-demo lock clean help
 
 run: $(VENV)/.ready-run
 	@$(VENV)/bin/solidtouch reproduce
@@ -36,6 +36,9 @@ format: $(VENV)/.ready-dev
 bench: $(VENV)/.ready-dev
 	@$(PY) -m benchmarks.speed.run --document docs/reference/performance.md
 	@$(PY) -m benchmarks.speed.commands.run --document docs/reference/performance.md $(if $(BEFORE),--before "$(BEFORE)")
+
+bench-cluster: $(VENV)/.ready-dev
+	@$(PY) -m benchmarks.speed.cluster --document docs/how-to/cluster.md
 
 bench-quick: $(VENV)/.ready-dev
 	@$(PY) -m benchmarks.speed.run --quick
@@ -114,6 +117,7 @@ help:
 	@echo "make check   check lint, format, types and import layers"
 	@echo "make format  fix lint and format"
 	@echo "make bench   time kernels and commands, into docs/reference/performance.md; BEFORE=DIR adds an older checkout; bench-quick is a trial"
+	@echo "make bench-cluster  overhead of a Dask cluster on this machine, into docs/how-to/cluster.md"
 	@echo "make studies model recovery, calibration and end of fits, gain of session models, into docs/explanation/model-studies.md"
 	@echo "make audit-studies  level and power of the audit, into docs/explanation/audit-studies.md"
 	@echo "make interval-studies  coverage of intervals and level of the verdict on beliefs, into docs/explanation/intervals.md; hours"
