@@ -22,7 +22,8 @@ def convert(
         list[Path],
         typer.Argument(
             metavar="IN...",
-            help="Recordings: .npz, .csv, .mat, .nc, .mcap or a folder of .csv files; each of several is one session.",
+            help="Recordings: .npz, .csv, .mat, .nc, .zarr, .mcap or a folder of .csv files; each of several is one "
+            "session.",
             show_default=False,
         ),
     ],
@@ -112,11 +113,11 @@ def convert(
 
 def _taps(path: Path, cutting: dict[str, Any] | None, rate_hz: float | None) -> "TapSet":
     """Taps of a file, cut from its streams with `cutting`; prints what was left out."""
-    from ..models.io.load import read_recording
+    from ..models.io.load import CUT, read_recording
     from ..models.io.recording import naming
     from ..models.taps import TapSet
 
-    if path.suffix.lower() == ".nc" and cutting is None:
+    if path.suffix.lower() in CUT and cutting is None:
         return TapSet.load(path)
     if path.suffix.lower() == ".mcap" and cutting is None:
         return _recorded(path)
@@ -177,7 +178,7 @@ def _segmented(recording: "Recording", cutting: dict[str, Any], rate_hz: float |
 def inspect(
     data: Annotated[
         Path,
-        typer.Argument(metavar="DATA", help="Taps: .nc, .mcap, .npz, .csv, .mat or a folder of .csv files."),
+        typer.Argument(metavar="DATA", help="Taps: .nc, .zarr, .mcap, .npz, .csv, .mat or a folder of .csv files."),
     ],
     where_cell: WhereCell = None,
     what_cell: WhatCell = None,

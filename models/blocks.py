@@ -19,11 +19,14 @@ from .threads import cores, in_order
 BLOCK = 1 << 24
 """Bytes of samples read at a time."""
 _BYTES, _THREADS = 8, 4
+_LONGER = 4  # a block may be so many times longer to hold whole chunks
 
 
 def block_length(samples: Any) -> int:
-    """Number of taps in a block, at least 1."""
-    return max(1, BLOCK // max(1, prod(samples.shape[1:]) * samples.dtype.itemsize))
+    """Number of taps in a block, at least 1; those of whole chunks of a file, if these are not too long."""
+    length = max(1, BLOCK // max(1, prod(samples.shape[1:]) * samples.dtype.itemsize))
+    chunk = getattr(samples, "encoding", {}).get("preferred_chunks", {}).get("tap", 1)
+    return -(-length // chunk) * chunk if chunk <= _LONGER * length else length
 
 
 def over_blocks[T](samples: Any, work: Callable[[NDArray[Any], slice], T], workers: int | None = None) -> Iterator[T]:
@@ -62,6 +65,11 @@ class ScaledSamples:
     def shape(self) -> tuple[int, ...]:
         """(N, J, K)."""
         return self.samples.shape
+
+    @property
+    def encoding(self) -> dict[str, Any]:
+        """How a file holds them."""
+        return getattr(self.samples, "encoding", {})
 
     def __len__(self) -> int:
         return len(self.samples)

@@ -1,4 +1,4 @@
-"""Atomic writing of files, and reading of netCDF groups and JSON objects.
+"""Atomic writing of files, and reading of netCDF groups, Zarr stores and JSON objects.
 
 Output is first written under a temporary name in the target folder and moved into place when complete, so an
 interrupted command leaves no incomplete file.
@@ -118,13 +118,39 @@ def _group(path: Path, name: str, on_disk: str) -> "xr.Dataset":
     import xarray as xr  # noqa: PLC0415
 
     dataset = xr.open_dataset(path, group=name, engine="h5netcdf", decode_times=False, cache=False)
+    if _load_small(dataset, on_disk):
+        dataset.close()
+    return dataset
+
+
+def read_zarr(path: str | Path, on_disk: str = "") -> "xr.Dataset":
+    """Dataset of a Zarr store, a folder; `on_disk` as in `read_groups`.
+
+    Raises:
+        InputError: The store is missing, a file, or damaged.
+    """
+    import xarray as xr  # noqa: PLC0415
+
+    path = Path(path)
+    if not path.exists():
+        raise InputError(f"{path}: no such file.")
+    if not path.is_dir():
+        raise InputError(f"{path}: is a file, expected a Zarr store, which is a folder.")
+    try:
+        dataset = xr.open_dataset(path, engine="zarr", chunks=None, consolidated=False, decode_times=False, cache=False)
+        _load_small(dataset, on_disk)
+    except Exception as error:  # on damaged bytes these libraries raise almost any exception
+        raise InputError(f"{path}: not a Zarr store with arrays, or damaged.") from error
+    return dataset
+
+
+def _load_small(dataset: "xr.Dataset", on_disk: str) -> bool:
+    """Reads a dataset, but for a large variable of this name; whether that was all of it."""
     large = {on_disk} & set(dataset.data_vars) if dataset.nbytes > ON_DISK else set()
     for each, variable in dataset.variables.items():
         if each not in large:
             variable.load()
-    if not large:
-        dataset.close()
-    return dataset
+    return not large
 
 
 def check_netcdf_name(path: str | Path) -> None:

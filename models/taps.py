@@ -38,7 +38,7 @@ from .errors import InputError, check_numbers
 from .grid import ClassGrid, group, parse_length, values_from_names
 from .preprocessing import Preprocessing
 from .settings import Missing, check_missing
-from .storage import check_netcdf_name, check_writable, complete_file, read_groups
+from .storage import check_netcdf_name, check_writable, complete_file, read_groups, read_zarr
 from .tap_checks import check_shapes, check_values
 
 FORMAT = 1
@@ -387,16 +387,17 @@ class TapSet:
 
     @classmethod
     def load(cls, path: str | Path, missing: Missing = "refuse") -> Self:
-        """Tap set from a netCDF file.
+        """Tap set from a netCDF file, or from a Zarr store of its `dataset`, whose name ends in `.zarr`.
 
         Args:
-            path: The file.
+            path: The file or store.
             missing: As in `from_arrays`.
 
         Raises:
             InputError: The file is missing, damaged or not a tap set.
         """
-        dataset = read_groups(path, "/", on_disk="taps")["/"]
+        zarr = Path(path).suffix.lower() == ".zarr"
+        dataset = read_zarr(path, "taps") if zarr else read_groups(path, "/", on_disk="taps")["/"]
         if dataset.attrs.get("format") != FORMAT or "taps" not in dataset:
             raise InputError(f"{path}: not a tap set of format {FORMAT}.")
         try:

@@ -19,7 +19,8 @@ Data = Annotated[
     list[Path],
     typer.Argument(
         metavar="DATA...",
-        help="Taps: .nc, .mcap, .npz, .csv, .mat or a folder of .csv files. One file is split; two are TRAIN and TEST.",
+        help="Taps: .nc, .zarr, .mcap, .npz, .csv, .mat or a folder of .csv files. One file is split; two are TRAIN "
+        "and TEST.",
         show_default=False,
     ),
 ]

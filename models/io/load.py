@@ -1,4 +1,7 @@
-"""Loads a `TapSet` from any supported file: `.nc`, `.mcap`, `.npz`, `.csv`, `.mat` and folders of `.csv` files."""
+"""Loads a `TapSet` from any supported file or folder.
+
+These are `.nc`, `.zarr`, `.mcap`, `.npz`, `.csv`, `.mat` and folders of `.csv` files.
+"""
 
 import os
 from collections.abc import Callable, Iterator, Sequence
@@ -16,6 +19,8 @@ from .recording import Recording, naming
 type TapSource = TapSet | str | Path
 """Taps, or the file or folder that holds them."""
 
+CUT = (".nc", ".zarr")
+"""Endings of tap sets."""
 _READERS: dict[str, Callable[[Path, Missing], Recording]] = {
     ".npz": lambda path, missing: recording_from_arrays(read_npz(path), missing),
     ".mat": lambda path, missing: recording_from_arrays(read_mat(path), missing),
@@ -34,8 +39,9 @@ def load_taps(path: str | Path, missing: Missing = "refuse") -> TapSet:
     1600
 
     Args:
-        path: `.nc` as written by this software; `.mcap` as recorded from the rig; `.npz` or `.mat` with the arrays of
-            `io.arrays`; `.csv` with the columns of `csv_rows`; or a folder of such `.csv` files.
+        path: `.nc` as written by this software; `.zarr`, a store of the same dataset as `taps.dataset.to_zarr(path)`
+            writes it; `.mcap` as recorded from the rig; `.npz` or `.mat` with the arrays of `io.arrays`; `.csv` with
+            the columns of `csv_rows`; or a folder of such `.csv` files.
         missing: What to do with samples that are NaN: `"refuse"` the file, or `"drop"` these samples, so that they
             count neither in a fit nor in a likelihood.
 
@@ -47,7 +53,7 @@ def load_taps(path: str | Path, missing: Missing = "refuse") -> TapSet:
         raise InputError(f"Taps are a TapSet or the path of a file or folder, got {type(path).__name__}.")
     check_missing(missing)
     path = Path(path)
-    if path.suffix.lower() == ".nc":
+    if path.suffix.lower() in CUT:
         return TapSet.load(path, missing)
     if path.suffix.lower() == ".mcap":
         from .rig import taps_from_recording  # noqa: PLC0415
@@ -107,11 +113,13 @@ def read_recording(path: str | Path, missing: Missing = "refuse") -> Recording:
     """Taps or streams from a file or folder, before they become a tap set.
 
     Raises:
-        InputError: As `load_taps`; also for `.nc` and `.mcap`, whose taps are already cut.
+        InputError: As `load_taps`; also for `.nc`, `.zarr` and `.mcap`, whose taps are already cut.
     """
     path = Path(path)
     if path.suffix.lower() == ".nc" and path.is_file():
         raise InputError(f"{path}: a .nc file holds taps that are already cut, not streams.")
+    if path.suffix.lower() == ".zarr" and path.is_dir():
+        raise InputError(f"{path}: a tap set holds taps that are already cut, not streams.")
     if path.suffix.lower() == ".mcap" and path.is_file():
         raise InputError(f"{path}: a recording of the rig holds taps cut at each press, not streams.")
     if not path.exists():
@@ -124,7 +132,9 @@ def read_recording(path: str | Path, missing: Missing = "refuse") -> Recording:
     if kind == ".csv":
         return read_csv(path, missing)
     if kind not in _READERS:
-        raise InputError(f"{path}: unknown format; supported: .nc, .mcap, .npz, .csv, .mat and folders of .csv files.")
+        raise InputError(
+            f"{path}: unknown format; supported: .nc, .zarr, .mcap, .npz, .csv, .mat and folders of .csv files."
+        )
     with naming(path):
         if path.stat().st_size == 0:
             raise InputError("the file is empty.")

@@ -122,6 +122,7 @@ def writers() -> dict[str, tuple[str, Callable[[TapSet, Path], None]]]:
     """Name of the kind: suffix and writer."""
     return {
         "nc": (".nc", lambda taps, path: taps.save(path)),
+        "zarr": (".zarr", lambda taps, path: taps.dataset.to_zarr(path, consolidated=False)),
         "npz": (".npz", write_npz),
         "mat5": (".mat", write_mat5),
         "mat73": (".mat", write_mat73),

@@ -1,5 +1,7 @@
 """Recordings that stay on disk: the same results as from memory, whatever the size of the blocks."""
 
+import re
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -18,21 +20,31 @@ from solidtouch.models.taps import TapSet
 from solidtouch.models.training import training_taps
 
 J, K = 6, 5
-SIZES = {"1 tap": 1, "5 taps": 5, "more than all taps": 1000}
+SIZES = {"1 tap": (1, ".nc"), "5 taps of a Zarr store": (5, ".zarr"), "more than all taps": (1000, ".nc")}
 
 
 @pytest.fixture(params=SIZES.values(), ids=SIZES)
 def on_disk(request, monkeypatch, tmp_path):
     """From a tap set to the same one read from its file block by block; nobody may ask for all of its samples."""
+    step, ending = request.param
 
     def opened(taps, missing="refuse"):
-        taps.save(tmp_path / "taps.nc", force=True)
+        path = tmp_path / f"taps{ending}"
+        if ending == ".nc":
+            taps.save(path, force=True)
+        else:
+            write_zarr(taps, path)
         monkeypatch.setattr(storage, "ON_DISK", 0)
-        monkeypatch.setattr(blocks, "BLOCK", request.param * J * K * taps.samples.dtype.itemsize)
+        monkeypatch.setattr(blocks, "BLOCK", step * J * K * taps.samples.dtype.itemsize)
         monkeypatch.setattr(TapSet, "taps", property(lambda _: pytest.fail("all samples were asked for")))
-        return TapSet.load(tmp_path / "taps.nc", missing)
+        return TapSet.load(path, missing)
 
     return opened
+
+
+def write_zarr(taps, path):
+    """A store with chunks of seven taps and two taxels."""
+    taps.dataset.to_zarr(path, mode="w", consolidated=False, encoding={"taps": {"chunks": (7, J, 2)}})
 
 
 def with_gaps(taps):
@@ -171,7 +183,8 @@ def test_a_bad_sample_is_found_in_its_block(on_disk, make_taps, value):
 
     with pytest.raises(InputError) as found:
         on_disk(taps)
-    assert str(found.value).endswith(f"taps.nc: {expected.value}")
+    assert re.search(r"taps\.(nc|zarr): ", str(found.value))
+    assert str(found.value).endswith(str(expected.value))
 
 
 def test_a_selection_is_written_on_disk(on_disk, make_taps, tmp_path):
@@ -203,6 +216,11 @@ def test_blocks_come_in_order_with_what_failed(monkeypatch):
     samples = np.arange(60.0).reshape(20, 3, 1)
     monkeypatch.setattr(blocks, "BLOCK", 7 * 24)
     assert block_length(samples) == 7
+    chunks = [
+        xr.Variable(("tap", "sample", "taxel"), samples, encoding={"preferred_chunks": {"tap": n}})
+        for n in (3, 7, 10, 28, 29)
+    ]
+    assert [block_length(one) for one in chunks] == [9, 7, 10, 28, 7]  # whole chunks, unless a chunk is very long
 
     found = list(over_blocks(samples, lambda block, which: (which, block.sum()), workers=3))
     assert [which for which, _ in found] == [slice(0, 7), slice(7, 14), slice(14, 20)]

@@ -1,5 +1,6 @@
 """Round trips through every file kind, recorded data, and files that are something else."""
 
+import shutil
 import zipfile
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from solidtouch.models.errors import InputError
 from solidtouch.models.io.load import load_taps, read_recording, taps_of
 from solidtouch.models.taps import TapSet
 
-KINDS = ("nc", "npz", "mat5", "mat73", "csv")
+KINDS = ("nc", "zarr", "npz", "mat5", "mat73", "csv")
 PNG = b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR" + bytes(range(256))
 
 
@@ -77,7 +78,7 @@ def test_missing_samples_are_read_where_they_are_to_be_dropped(kind, make_taps, 
     assert np.argwhere(np.isnan(read.taps)).tolist() == [[1, 2, 0]]
     assert read.missing == "drop"
     refused = [(lacking, "refuse"), (written(np.inf), "drop")]
-    refused += [(written(np.nan, "where", 3), "drop")] if kind in ("nc", "csv") else []  # others hold indices
+    refused += [(written(np.nan, "where", 3), "drop")] if kind in ("nc", "zarr", "csv") else []  # others hold indices
     for path, missing in refused:
         with pytest.raises(InputError, match="NaN and infinite values are not accepted"):
             load_taps(path, missing)
@@ -123,7 +124,7 @@ def test_foreign_files_are_refused_by_name(suffix, content, tmp_path):
         load_taps(path)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "zarr"])
 def test_damaged_files_are_refused_or_read(kind, make_taps, writers, tmp_path, rng):
     """Cutting a file anywhere, or garbling one that this software parses itself, ends in `InputError` or nothing."""
     suffix, write = writers[kind]
@@ -158,6 +159,27 @@ def test_directory_in_place_of_a_file_is_refused(suffix, tmp_path):
 
     with pytest.raises(InputError, match="is a folder, expected a"):
         load_taps(tmp_path / f"taps{suffix}")
+
+
+def test_damaged_stores_are_refused(make_taps, writers, tmp_path):
+    """Without a chunk of the samples, without samples, without metadata, and no folder at all."""
+    _, write = writers["zarr"]
+    path = tmp_path / "taps.zarr"
+    write(make_taps(2, 2, 3, 2, 1, 1), path)
+    with pytest.raises(InputError, match="a tap set holds taps that are already cut"):
+        read_recording(path)
+    next(part for part in (path / "taps" / "c").rglob("*") if part.is_file()).unlink()
+    with pytest.raises(InputError, match=r"taps\.zarr: taps\[0, 0, 0\] is nan; NaN and infinite values"):
+        load_taps(path)
+    shutil.rmtree(path / "taps")
+    with pytest.raises(InputError, match=r"taps\.zarr: not a tap set of format 1"):
+        load_taps(path)
+    (path / "zarr.json").unlink()
+    with pytest.raises(InputError, match=r"taps\.zarr: not a Zarr store with arrays, or damaged"):
+        load_taps(path)
+    (tmp_path / "file.zarr").touch()
+    with pytest.raises(InputError, match=r"file\.zarr: is a file, expected a Zarr store, which is a folder"):
+        load_taps(tmp_path / "file.zarr")
 
 
 def test_missing_file_and_unknown_kind_are_refused(tmp_path):
