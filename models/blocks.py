@@ -5,7 +5,7 @@ thread. Samples are arrays or variables of xarray, shape (N, J, K); what is done
 """
 
 import hashlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from math import prod
 from pathlib import Path
@@ -13,6 +13,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from xarray import Variable
+from xarray.backends import BackendArray
+from xarray.core import indexing
 
 from .threads import cores, in_order
 
@@ -82,6 +85,38 @@ class ScaledSamples:
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
         return self[:].astype(dtype or self.dtype, copy=False)
+
+
+class JoinedSamples(BackendArray):
+    """Samples of recordings one after the other, for a lazy variable of xarray; each is read when it is asked for."""
+
+    def __init__(self, parts: Sequence[Any]) -> None:
+        self.parts, self.ends = parts, np.cumsum([len(part) for part in parts])
+        self.shape = int(self.ends[-1]), *parts[0].shape[1:]
+        self.dtype = np.result_type(*(part.dtype for part in parts))
+
+    def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
+        """Any part of them."""
+        return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self._read)
+
+    def _read(self, key: tuple[Any, ...]) -> NDArray[Any]:
+        taps, *rest = key
+        index = np.arange(self.shape[0])[taps]
+        if not np.ndim(index):
+            return self._read((np.array([index]), *rest))[0]
+        part_of, found = np.searchsorted(self.ends, index, side="right"), []
+        for number, part in enumerate(self.parts):
+            rows = index[part_of == number] - (self.ends[number] - len(part))
+            run = slice(rows[0], rows[-1] + 1) if len(rows) and (np.diff(rows) == 1).all() else rows
+            found.append(np.asarray(part[(run, *rest)]))
+        order = np.argsort(part_of, kind="stable")
+        return np.concatenate(found).astype(self.dtype, copy=False)[np.argsort(order, kind="stable")]
+
+
+def joined_samples(parts: Sequence[Variable]) -> Variable:
+    """Samples of several recordings one after the other, of which none is read."""
+    lazy = indexing.LazilyIndexedArray(JoinedSamples(parts))
+    return Variable(parts[0].dims, lazy, parts[0].attrs, parts[0].encoding)
 
 
 def write_in_blocks(dataset: Any, name: str, path: Path) -> None:

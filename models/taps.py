@@ -33,7 +33,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from . import storage
-from .blocks import ScaledSamples, extreme_samples, over_blocks, tap_digests, write_in_blocks
+from .blocks import ScaledSamples, extreme_samples, joined_samples, over_blocks, tap_digests, write_in_blocks
 from .errors import InputError, check_numbers
 from .grid import ClassGrid, group, parse_length, values_from_names
 from .preprocessing import Preprocessing
@@ -104,7 +104,7 @@ class TapSet:
         """Tap set from plain arrays.
 
         Args:
-            taps: Preprocessed samples, shape (N, J, K).
+            taps: Preprocessed samples, shape (N, J, K); those of a mapped file (`numpy.memmap`) stay there.
             what: Object of each tap as an index into `what_name`, shape (N,).
             what_name: Names of the objects.
             preprocessing: Preprocessing of the samples.
@@ -128,6 +128,7 @@ class TapSet:
         Raises:
             InputError: As the class.
         """
+        mapped = isinstance(taps, np.memmap)
         taps = check_numbers(taps, "taps")
         if taps.ndim != 3:
             raise InputError(f"taps must have three axes (tap, sample, taxel), got shape {taps.shape}.")
@@ -184,7 +185,8 @@ class TapSet:
             if np.ndim(values) != axes:
                 raise InputError(f"{name} must have {axes} axes, got shape {np.shape(values)}.")
         try:
-            return cls(xr.Dataset(variables, coords, attributes))
+            dataset = xr.Dataset(variables, coords, attributes)
+            return cls(dataset.assign(taps=joined_samples([dataset.variables["taps"]])) if mapped else dataset)
         except ValueError as error:
             if isinstance(error, InputError):
                 raise
@@ -421,11 +423,13 @@ def concatenate(parts: Sequence[TapSet], names: Sequence[str] | None = None) -> 
         raise InputError("There are no taps.")
     check_alike(parts, [f"part {i}" for i in range(1, len(parts) + 1)] if names is None else names)
     parts = with_all_places(parts)
-    dataset = xr.concat(
-        [part.dataset for part in parts], dim="tap", data_vars="minimal", coords="minimal", compat="override"
-    )
-    scanned = [part.scanned for part in parts if part.scanned is not None]
-    return TapSet(dataset, np.concatenate(scanned) if len(scanned) == len(parts) else None)
+    large = any(part.scanned is not None for part in parts)
+    datasets = [part.dataset.drop_vars("taps") if large else part.dataset for part in parts]
+    dataset = xr.concat(datasets, dim="tap", data_vars="minimal", coords="minimal", compat="override")
+    if not large:
+        return TapSet(dataset)
+    dataset = dataset.assign(taps=joined_samples([part.samples for part in parts]))
+    return TapSet(dataset, np.concatenate([part.extremes for part in parts]))
 
 
 def check_compatible(train: TapSet, test: TapSet, train_name: str = "TRAIN", test_name: str = "TEST") -> None:

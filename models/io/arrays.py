@@ -24,6 +24,8 @@ under its own name.
 """
 
 import json
+import os
+import struct
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -31,8 +33,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.lib import format as npy
 from numpy.typing import NDArray
 
+from .. import storage
 from ..errors import InputError
 from ..settings import Missing
 from .recording import Labels, Recording, as_samples
@@ -208,11 +212,12 @@ def _extra(arrays: Arrays, samples: NDArray[Any]) -> tuple[dict[str, NDArray[Any
     return extra, tuple(left_out)
 
 
+_NAME_LENGTH = 26  # where the length of its name stands in the header of a member
 _DAMAGE = (zipfile.BadZipFile, zlib.error, OSError, EOFError, ValueError, RuntimeError, MemoryError)
 
 
 def read_npz(path: Path) -> dict[str, NDArray[Any]]:
-    """Arrays of an archive.
+    """Arrays of an archive; a large one that is not compressed is mapped, so that it need not fit into memory.
 
     Raises:
         InputError: The file is not an archive, is damaged, or contains pickled objects.
@@ -221,16 +226,35 @@ def read_npz(path: Path) -> dict[str, NDArray[Any]]:
         raise InputError("not an npz archive, or truncated.")
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            return {name: _member(archive, name) for name in archive.files}
+            return {name: _member(path, archive, name) for name in archive.files}
     except InputError:
         raise
     except _DAMAGE as error:
         raise InputError(f"damaged npz archive ({error}).") from error
 
 
-def _member(archive: Any, name: str) -> NDArray[Any]:
+def _mapped(path: Path, member: zipfile.ZipInfo) -> NDArray[Any] | None:
+    """Large array as a map of its file, whose checksum is not compared; `None` for one that must be read instead."""
+    if member.compress_type != zipfile.ZIP_STORED or member.file_size <= storage.ON_DISK:
+        return None
+    with path.open("rb") as file:
+        file.seek(member.header_offset + _NAME_LENGTH)
+        name, extra = struct.unpack("<HH", file.read(4))
+        file.seek(name + extra, os.SEEK_CUR)
+        header = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}.get(npy.read_magic(file))
+        if header is None:
+            return None
+        shape, by_column, dtype = header(file)
+        if dtype.hasobject:
+            return None
+        return np.memmap(path, dtype, "r", file.tell(), shape, "F" if by_column else "C")
+
+
+def _member(path: Path, archive: Any, name: str) -> NDArray[Any]:
     try:
-        values = archive[name]
+        member = archive.zip.NameToInfo.get(f"{name}.npy")
+        mapped = None if member is None else _mapped(path, member)
+        values = archive[name] if mapped is None else mapped
     except ValueError as error:
         if "allow_pickle" in str(error):
             raise InputError(f"array {name} contains pickled objects, which are refused.") from error

@@ -13,6 +13,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..blocks import over_blocks
 from ..errors import InputError
 from ..preprocessing import Preprocessing
 from ..settings import Missing
@@ -125,9 +126,16 @@ def as_samples(name: str, values: NDArray[Any], missing: Missing = "refuse") -> 
         raise InputError(f"array {name} must hold real numbers, got {values.dtype}.")
     if values.dtype not in (np.float32, np.float64):
         values = values.astype(np.float32 if values.dtype == np.float16 else np.float64)
-    bad = np.argwhere(np.isinf(values) if missing == "drop" else ~np.isfinite(values))
-    if len(bad):
-        place = ", ".join(str(int(i)) for i in bad[0])
-        value = values[tuple(bad[0])]
-        raise InputError(f"{name}[{place}] is {value}; {not_finite(value, sample=True)}")
+    rows = np.atleast_1d(values)
+    for which, bad in over_blocks(rows, lambda block, which: (which, _refused(block, missing))):
+        if len(bad):
+            place = bad[0] + which.start * (np.arange(rows.ndim) == 0)
+            value = rows[tuple(place)]
+            where = ", ".join(str(int(i)) for i in place)
+            raise InputError(f"{name}[{where}] is {value}; {not_finite(value, sample=True)}")
     return values
+
+
+def _refused(values: NDArray[np.floating], missing: Missing) -> NDArray[np.intp]:
+    """Indices of values that cannot be samples, shape (n, axes)."""
+    return np.argwhere(np.isinf(values) if missing == "drop" else ~np.isfinite(values))

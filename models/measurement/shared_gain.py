@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from ..errors import InputError
 from ..grid import ClassGrid
 from ..taps import TapSet
+from .fits.priors import Taps
 from .model import Fitted, Row
-from .scaling import sum_by
+from .scaling import Moments
 from .states import States
 
 ROW = Row("independence of taps", "any other with a gain and offset shared by all taps of an episode")
@@ -94,13 +95,13 @@ def session_spread(taps: TapSet, grid: ClassGrid, edges: NDArray[np.float64]) ->
     """
     where, what = taps.indices(grid)
     inside = (where >= 0) & (what >= 0)
-    own, samples, session = (where * grid.M + what)[inside], taps.taps[inside].astype(np.float64), taps.session[inside]
-    numbers = np.unique(session)
+    numbers = np.unique(taps.session[inside])
     if len(numbers) < 2:
         return _GAIN_SD, _OFFSET_BINS * float(np.diff(edges, axis=-1).mean())
     log_gain, offset = [], []
     for number in numbers:
-        pair = _shared_means(own, samples, session == number, grid.L * grid.M)
+        parts = (np.flatnonzero(inside & (this == (taps.session == number))) for this in (True, False))
+        pair = _shared_means(*(_moments(taps.select(part), where[part], what[part], grid) for part in parts))
         if pair is not None:
             slope, intercept = _line(*pair)
             log_gain.append(np.log(max(slope, _LEAST_GAIN)))
@@ -112,22 +113,23 @@ def session_spread(taps: TapSet, grid: ClassGrid, edges: NDArray[np.float64]) ->
     return float(shrink * _root_mean_square(log_gain)), float(shrink * _root_mean_square(offset))
 
 
-def _shared_means(
-    own: NDArray[np.intp], samples: NDArray[np.float64], this: NDArray[np.bool_], classes: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64], float] | None:
+def _moments(taps: TapSet, where: NDArray[np.intp], what: NDArray[np.intp], grid: ClassGrid) -> Moments:
+    return Moments.of(Taps(taps.doubles, where, what, grid.shape))
+
+
+def _shared_means(this: Moments, others: Moments) -> tuple[NDArray[np.float64], NDArray[np.float64], float] | None:
     """Flattened mean taps of the classes shared by a session and the others, and the noise variance of the latter.
 
-    `None` where there are no such classes, or no class with two taps in the others to tell noise by. Samples that are
-    NaN do not count.
+    `None` where there are no such classes, or no class with two taps in the others to tell noise by.
     """
-    (mean, n), (rest, count) = (_class_means(own[part], samples[part], classes) for part in (this, ~this))
-    used, freedom = (n > 0) & (count > 0), np.maximum(count - 1, 0).sum(axis=0).mean()
+    n, count = this.samples, others.samples
+    used, freedom = (n > 0) & (count > 0), np.maximum(count - 1, 0).sum(axis=(0, 1)).mean()
     if not used.any() or not freedom:
         return None
-    square = np.nansum((samples[~this] - rest[own[~this]]) ** 2, axis=0).mean()
+    square = others.square.sum(axis=(0, 1)).mean()
     noise = float(square / freedom * np.broadcast_to(1 / np.maximum(count, 1), used.shape).mean(where=used))
-    used = np.broadcast_to(used, mean.shape)
-    return mean[used], rest[used], noise
+    used = np.broadcast_to(used, this.mean.shape)
+    return this.mean[used], others.mean[used], noise
 
 
 def _line(mean: NDArray[np.float64], rest: NDArray[np.float64], noise: float) -> tuple[float, float]:
@@ -135,18 +137,6 @@ def _line(mean: NDArray[np.float64], rest: NDArray[np.float64], noise: float) ->
     signal = float(rest.var()) - noise
     slope = float(((mean - mean.mean()) * (rest - rest.mean())).mean()) / signal if signal > _FLAT * noise else 1.0
     return slope, float(mean.mean() - slope * rest.mean())
-
-
-def _class_means(
-    own: NDArray[np.intp], samples: NDArray[np.float64], classes: int
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Mean tap of each class, 0 without samples, shape (classes, J, K), and the number of these, broadcast over it."""
-    present = ~np.isnan(samples)
-    if present.all():
-        count = np.bincount(own, minlength=classes).astype(np.float64)[:, None, None]
-    else:
-        count = sum_by(own, present.astype(np.float64), classes)
-    return sum_by(own, np.where(present, samples, 0.0), classes) / np.maximum(count, 1), count
 
 
 def _root_mean_square(values: list[float]) -> float:

@@ -11,6 +11,9 @@ from solidtouch.inference.trials.records import tap_table
 from solidtouch.models import blocks, storage
 from solidtouch.models.blocks import block_length, over_blocks
 from solidtouch.models.errors import InputError
+from solidtouch.models.io.arrays import read_npz
+from solidtouch.models.io.joining import joined
+from solidtouch.models.io.load import load_taps
 from solidtouch.models.measurement import gaussian, profile, profile_ar, profile_mvn, smooth
 from solidtouch.models.measurement.fits.priors import CellPrior
 from solidtouch.models.measurement.registry import fit_model
@@ -88,7 +91,7 @@ def given_prior(monkeypatch):
         monkeypatch.setattr(module, "estimated_prior", lambda *_: CellPrior(0.0, 0.0, np.full(K, 2.0), np.full(K, 2.0)))
 
 
-@pytest.mark.parametrize("name", ["gaussian", "profile", "profile-ar", "profile-mvn", "smooth"])
+@pytest.mark.parametrize("name", ["gaussian", "profile", "profile-ar", "profile-mvn", "smooth", "session:profile"])
 def test_sums_of_blocks_make_the_same_model(on_disk, given_prior, make_taps, name):
     """Where sufficient statistics are sums, up to the rounding of sums in parts."""
     taps = make_taps(repeats=2)
@@ -196,6 +199,54 @@ def test_a_selection_is_written_on_disk(on_disk, make_taps, tmp_path):
     expected, written = (xr.load_dataset(tmp_path / name, engine="h5netcdf") for name in ("expected.nc", "written.nc"))
     xr.testing.assert_identical(written, expected)
     assert "force" in written.data_vars
+
+
+def test_recordings_are_joined_on_disk(on_disk, make_taps, tmp_path):
+    """A large one behind a small one in single precision: written, selected and fitted as those in memory are."""
+    small, taps = make_taps(sessions=1, seed=3), make_taps(sessions=1)
+    small = TapSet(small.dataset.assign(taps=small.dataset["taps"].astype(np.float32)))
+    expected = joined([small, taps], ["a", "b"])
+    expected.save(tmp_path / "expected.nc")
+    model, index = fitted(expected, "session:histogram"), np.random.default_rng(0).permutation(len(expected))[:50]
+    chosen = expected.taps[index]
+
+    large = joined([small, on_disk(taps)], ["a", "b"])
+    large.save(tmp_path / "written.nc")
+
+    written, whole = (xr.load_dataset(tmp_path / name, engine="h5netcdf") for name in ("written.nc", "expected.nc"))
+    xr.testing.assert_identical(written, whole)
+    same_arrays(fitted(large, "session:histogram"), model, 1e-12)
+    np.testing.assert_array_equal(large.select(index).samples.values, chosen)
+    np.testing.assert_array_equal(large.samples[-1, 2:, [4, 0]].values, expected.samples[-1, 2:, [4, 0]].values)
+    np.testing.assert_array_equal(large.extremes, expected.extremes)
+
+
+def test_a_large_archive_is_mapped(make_taps, arrays_of, tmp_path, monkeypatch):
+    """If it is not compressed; a bad sample is found by the same sentence, and so is an end that is missing."""
+    taps = make_taps()
+    arrays = arrays_of(taps)
+    np.savez(tmp_path / "taps.npz", **arrays)
+    np.savez_compressed(tmp_path / "small.npz", **arrays)
+    bad = arrays["taps"].copy()
+    bad[100, 3, 2] = np.nan
+    np.savez(tmp_path / "bad.npz", **arrays | {"taps": np.asfortranarray(bad)})
+    with pytest.raises(InputError) as refused:
+        load_taps(tmp_path / "bad.npz")
+    monkeypatch.setattr(storage, "ON_DISK", 1000)
+    monkeypatch.setattr(blocks, "BLOCK", 7 * J * K * 8)
+
+    mapped, read = read_npz(tmp_path / "taps.npz")["taps"], read_npz(tmp_path / "small.npz")["taps"]
+    assert isinstance(mapped, np.memmap)
+    assert not isinstance(read, np.memmap)
+    np.testing.assert_array_equal(mapped, read)
+    large, expected = load_taps(tmp_path / "taps.npz"), fitted(taps, "session:profile")
+    with monkeypatch.context() as patched:
+        patched.setattr(TapSet, "taps", property(lambda _: pytest.fail("all samples were asked for")))
+        same_arrays(fitted(large.select(slice(None)), "session:profile"), expected, 1e-2)
+    np.testing.assert_array_equal(large.select([5, 3]).samples.values, taps.taps[[5, 3]])
+    with pytest.raises(InputError, match=r"bad\.npz: taps\[100, 3, 2\] is nan") as found:
+        load_taps(tmp_path / "bad.npz")
+    assert str(found.value) == str(refused.value)
 
 
 def test_samples_that_are_asked_for_come_into_memory(make_taps, tmp_path, monkeypatch):
