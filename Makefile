@@ -36,6 +36,7 @@ format: $(VENV)/.ready-dev
 bench: $(VENV)/.ready-dev
 	@$(PY) -m benchmarks.speed.run --document docs/reference/performance.md
 	@$(PY) -m benchmarks.speed.commands.run --document docs/reference/performance.md $(if $(BEFORE),--before "$(BEFORE)")
+	@$(PY) -m benchmarks.speed.growth --document docs/reference/performance.md
 
 bench-cluster: $(VENV)/.ready-dev
 	@$(PY) -m benchmarks.speed.cluster --document docs/how-to/cluster.md
@@ -43,6 +44,7 @@ bench-cluster: $(VENV)/.ready-dev
 bench-quick: $(VENV)/.ready-dev
 	@$(PY) -m benchmarks.speed.run --quick
 	@$(PY) -m benchmarks.speed.commands.run --quick
+	@$(PY) -m benchmarks.speed.growth --quick
 
 studies: $(VENV)/.ready-run
 	@$(PY) -m benchmarks.studies.models.recovery --document docs/explanation/model-studies.md

@@ -101,7 +101,9 @@ class ClassGrid:
             slack = _ROUNDING * np.diff(self.where_edges).min()
             index = np.searchsorted(self.where_edges, values + slack, side="right") - 1
             return np.where((index >= 0) & (index < self.L), index, -1)
-        nearest = np.abs(values[..., np.newaxis] - self.where_value).argmin(axis=-1)
+        above = np.searchsorted(self.where_value, values).clip(max=self.L - 1)
+        below = np.maximum(above - 1, 0)
+        nearest = np.where(values - self.where_value[below] <= self.where_value[above] - values, below, above)
         spacing = np.diff(self.where_value).min() if self.L > 1 else max(1.0, abs(float(self.where_value[0])))
         return np.where(np.abs(values - self.where_value[nearest]) <= _ROUNDING * spacing, nearest, -1)
 
@@ -301,9 +303,10 @@ def nearest_trained(trained: NDArray[np.bool_]) -> NDArray[np.intp]:
 
     0 for objects without a trained class.
     """
-    L = len(trained)
-    distance = np.abs(np.arange(L)[:, np.newaxis] - np.arange(L)).astype(np.float64)
-    return np.where(trained.T, distance[:, np.newaxis], np.inf).argmin(axis=-1)
+    L, l = len(trained), np.arange(len(trained))[:, np.newaxis]
+    below = np.maximum.accumulate(np.where(trained, l, -2 * L), axis=0)
+    above = np.minimum.accumulate(np.where(trained, l, 3 * L)[::-1], axis=0)[::-1]
+    return np.where(trained.any(axis=0), np.where(l - below <= above - l, below, above), 0)
 
 
 class TapPool(NamedTuple):

@@ -19,6 +19,7 @@ from .scaled import CIRCULAR, CLAMP, PRIOR, UNIFORM, UNIFORM_WHAT, UNIT, Floats,
 _LEAST_TOTAL = 2.0**-128  # of a belief; below, it is scaled up
 _FAR = 2.0**-512  # classes below it are left out
 _LEFT_OUT = 2.0**-256  # what is left out stays below it; with that total, its share is below 2^-128 per class
+_MOVED = 1024  # classes moved at a time, so that they stay in the first cache
 _LEAST = 2.0**-900  # of a class; products with most likelihoods stay well clear of subnormal numbers, which are slow
 
 
@@ -59,7 +60,7 @@ def _move(belief: Floats, delta: int, border: int, M: int, total: float, sums: F
         M: Objects, of each state.
         total: Total of the belief.
         sums: Room for L numbers.
-        room: Room for three beliefs.
+        room: Room for three times some objects of a belief, which are moved at a time; they should fit into the cache.
 
     Returns:
         The smallest number above 0 that the vacated classes got; infinity where there is none.
@@ -70,34 +71,37 @@ def _move(belief: Floats, delta: int, border: int, M: int, total: float, sums: F
     step = delta % L if border == CIRCULAR else out if delta > 0 else -out
     new = total / (L * M) if border == PRIOR else 0.0
     least = np.inf
-    for m in range(rows):
-        if border == UNIFORM and m % M == 0:
-            sum_rows(belief, m * L, M, L, sums)
-            new = 0.0
-            for l in range(lost, lost + out):
-                new += sums[l]
-            new /= out * M
-        elif border == UNIFORM_WHAT:
-            new = 0.0
-            for l in range(lost, lost + out):
-                new += belief[m, l]
-            new /= out
-        if new > 0:
-            least = min(least, new)
-        row = (3 * m + 1) * L  # in the room, where classes that come in lie beside it
-        beside = row - L if step > 0 else row + L
-        copy(room, row, belief, m * L, L)
-        if border == CIRCULAR:
-            copy(room, beside, belief, m * L, L)
-        else:
-            for l in range(L):
-                room[beside + l] = new
-        if border == CLAMP:
-            end = row - step + (L - 1 if delta > 0 else 0)
-            for l in range(lost, lost + out):
-                room[end] += belief[m, l]
-    for m in range(rows):
-        copy(belief, m * L, room, (3 * m + 1) * L - step, L)
+    at_once = len(room) // (3 * L)
+    for first in range(0, rows, at_once):
+        last = min(first + at_once, rows)
+        for m in range(first, last):
+            if border == UNIFORM and m % M == 0:
+                sum_rows(belief, m * L, M, L, sums)
+                new = 0.0
+                for l in range(lost, lost + out):
+                    new += sums[l]
+                new /= out * M
+            elif border == UNIFORM_WHAT:
+                new = 0.0
+                for l in range(lost, lost + out):
+                    new += belief[m, l]
+                new /= out
+            if new > 0:
+                least = min(least, new)
+            row = (3 * (m - first) + 1) * L  # in the room, where classes that come in lie beside it
+            beside = row - L if step > 0 else row + L
+            copy(room, row, belief, m * L, L)
+            if border == CIRCULAR:
+                copy(room, beside, belief, m * L, L)
+            else:
+                for l in range(L):
+                    room[beside + l] = new
+            if border == CLAMP:
+                end = row - step + (L - 1 if delta > 0 else 0)
+                for l in range(lost, lost + out):
+                    room[end] += belief[m, l]
+        for m in range(first, last):
+            copy(belief, m * L, room, (3 * (m - first) + 1) * L - step, L)
     return least
 
 
@@ -135,7 +139,8 @@ def play(
     start_least, start_left_out = plain(prior.z, prior.k, start)
     z, k, on = np.empty((hypotheses, L)), np.empty((hypotheses, L), np.int64), np.empty((hypotheses, L))
     zeros, old_z, old_k = np.zeros((hypotheses, L), np.int64), np.empty(L), np.empty(L, np.int64)
-    where, what, sums, room = np.zeros(L + PART), np.empty(hypotheses), np.empty(L), np.empty(3 * hypotheses * L)
+    where, what, sums = np.zeros(L + PART), np.empty(hypotheses), np.empty(L)
+    room = np.empty(3 * L * min(hypotheses, max(1, _MOVED // L)))
     likelihood, least_of, wide, thresholds = table.plain, table.least, table.wide, rule.thresholds
     taps, moves = np.empty((2, rule.deadline + 1), np.int64)
     words = np.empty(WORDS, np.uint64)

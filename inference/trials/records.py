@@ -258,10 +258,14 @@ def plan_trials(
     if not len(cells):
         raise InputError(f"Position {where} has no test tap to start from.")
     stream = first_stream + np.arange(trials)
-    word = _start_words(seed, first_stream, trials)
+    kept = trials <= _KEPT
+    word = (_start_words if kept else _start_words.__wrapped__)(seed, first_stream, trials)
     start = cells[seeds.below(word, np.uint64(len(cells))).astype(np.intp)]
     where_class, what_class = (np.ascontiguousarray(column) for column in start.T)
     return TrialPlan(where_class, what_class, np.full(trials, fixation, dtype=np.intp), stream)
+
+
+_KEPT = 5000  # trials at most whose starts are kept, as many as resamples have
 
 
 @lru_cache(maxsize=512)

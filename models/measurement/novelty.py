@@ -105,10 +105,10 @@ def novelty_scores(
     by_cell = reference.reshape(L * M, K, B)
 
     def scored(block: NDArray[np.floating], which: slice) -> NDArray[np.float64]:
-        known, parts = by_cell[own[which]], []
+        cells, parts = own[which], []
         for part in tap_counts(find_bins(block, edges), B):
-            start = sum(map(len, parts))
-            parts.append(misfit(part.reshape(-1, K, B), known[start : start + len(part)], pseudocount))
+            known = by_cell[cells[sum(map(len, parts)) :][: len(part)]]
+            parts.append(misfit(part.reshape(-1, K, B), known, pseudocount))
         return np.concatenate(parts)
 
     held_out = taps.samples[inside[calibrates]]

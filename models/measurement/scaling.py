@@ -7,7 +7,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ..blocks import ScaledSamples
+from ..blocks import ScaledSamples, block_length
 from .fits.priors import Taps
 
 
@@ -76,7 +76,7 @@ class Moments(NamedTuple):
             total = class_sums(taps, lambda block, _: np.where(np.isnan(block), 0.0, block))
         moments = cls(number, count, total / np.maximum(count, 1), total)
 
-        def squares(block: NDArray[np.float64], which: slice) -> NDArray[np.float64]:
+        def squares(block: NDArray[np.float64], which: Any) -> NDArray[np.float64]:
             residual = block - moments.mean[taps.where[which], taps.what[which]]
             return residual**2 if whole else np.where(np.isnan(residual), 0.0, residual) ** 2
 
@@ -111,20 +111,30 @@ def sum_by(group: NDArray[np.intp], values: NDArray[np.float64], groups: int) ->
     return total
 
 
-def class_sums(taps: Taps, of: Callable[[NDArray[np.float64], slice], NDArray[Any]]) -> NDArray[np.float64]:
+def class_sums(taps: Taps, of: Callable[[NDArray[np.float64], Any], NDArray[Any]]) -> NDArray[np.float64]:
     """Sums over the taps of each class, shape (L, M, J, K), in the order of the taps.
 
     Args:
         taps: Taps of known class.
-        of: From a block of samples, and which taps these are, to the values that are summed, of the same shape.
+        of: From a block of samples, and the slice or indices of its taps, to the values that are summed, of the same
+            shape.
     """
     (L, M), (_, J, K) = taps.shape, taps.samples.shape
-    own = taps.where * M + taps.what
-    if not isinstance(taps.samples, ScaledSamples):
-        return sum_by(own, of(taps.samples, slice(0, len(own))), L * M).reshape(L, M, J, K)
+    own, samples, total = taps.where * M + taps.what, taps.samples, np.zeros((L * M, J * K))
+    if not isinstance(samples, ScaledSamples):
+        # Blocks of whole classes, which stay in the cache, have the same sums as all taps at once.
+        order, start = np.argsort(own, kind="stable"), 0
+        ends = np.cumsum(np.bincount(own, minlength=L * M))
+        while start < len(own):
+            first = int(own[order[start]])
+            behind = max(first + 1, int(np.searchsorted(ends, start + block_length(samples), side="right")))
+            rows = order[start : ends[behind - 1]]
+            values = of(samples[rows], rows).reshape(len(rows), J * K)
+            total[first:behind] = sum_by(own[rows] - first, values, behind - first)
+            start = ends[behind - 1]
+        return total.reshape(L, M, J, K)
     from .likelihood.counting import add_rows
 
-    total = np.zeros((L * M, J * K))
     for which, values in taps.over_blocks(lambda block, which: (which, of(block, which))):
         add_rows(values.reshape(len(values), J * K).astype(np.float64, copy=False), own[which], total)
     return total.reshape(L, M, J, K)

@@ -12,6 +12,7 @@ from solidtouch.models.taps import TapSet
 
 from benchmarks.page import check_block
 from benchmarks.speed import likelihood_peers, memory
+from benchmarks.speed.growth import METHODS, slope
 from benchmarks.speed.report import ratio, work_table
 from benchmarks.speed.rows import LIMIT, Row, interleaved
 from benchmarks.speed.scaling import exponent
@@ -137,6 +138,33 @@ def test_the_exponent_of_a_power_law_is_found():
     assert (exact, none) == pytest.approx((1, 0), abs=1e-12)
     assert abs(slope - 1) < 2 * error
     assert error > 0.01
+
+
+def test_the_slope_of_growth_is_that_of_the_larger_sizes():
+    """With the t-interval of a straight line; none where a cost was not seen, or of three sizes."""
+    size = [1, 10, 100, 1000, 10_000, 100_000, 1_000_000]
+    constant_first = slope(size, [5.0, 5.0, 5.0, *(2.0 * n for n in size[3:])])
+    bent = slope(size[:4], [1.0, 9.0, 110.0, 900.0])
+
+    assert constant_first == pytest.approx((1, 1, 1))
+    assert bent.low < 1 < bent.high
+    assert bent.high - bent.value == pytest.approx(bent.value - bent.low)
+    assert bent.high - bent.low == pytest.approx(2 * 4.303 * exponent(size[:4], [1.0, 9.0, 110.0, 900.0])[1], rel=1e-3)
+    assert slope(size, [0.0] * 7) is None
+    assert slope(size[:3], [1.0, 2.0, 3.0]) is None
+
+
+@pytest.mark.slow
+def test_growth_is_measured_and_drawn(tmp_path):
+    """Every method over every size that it is measured over, with memory."""
+    page = tmp_path / "performance.md"
+    page.write_text("<!-- begin growth -->\n<!-- end growth -->\n", encoding="utf-8")
+    run("speed.growth", "--quick", "--document", page)
+
+    rows = [line for line in page.read_text(encoding="utf-8").splitlines() if line.startswith("| ")][2:]
+    assert len(rows) == sum(len(axes) for methods in METHODS.values() for axes in methods.values())
+    assert all("s to " in row and "MiB" in row for row in rows)
+    assert (tmp_path / "images" / "growth.svg").is_file()
 
 
 def test_ratios_are_taken_within_rounds():

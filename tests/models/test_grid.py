@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from solidtouch.models.errors import InputError
-from solidtouch.models.grid import ClassGrid, group, parse_length, tap_pool, values_from_names
+from solidtouch.models.grid import ClassGrid, group, nearest_trained, parse_length, tap_pool, values_from_names
 
 
 def grid(where=(0.0, 1.0, 4.0), edges=None, members=(("a",), ("b", "c")), value=None, unit="mm"):
@@ -190,3 +190,13 @@ def test_a_pool_without_a_tap_is_refused():
     """Taps that all lie outside the grid are no pool."""
     with pytest.raises(InputError, match="No tap belongs to a class of the grid"):
         tap_pool([-1, 0], [0, -1], (5, 3))
+
+
+@given(data=st.data(), L=st.integers(1, 9), M=st.integers(1, 4))
+def test_nearest_trained_classes_by_all_distances(data, L, M):
+    trained = np.array(data.draw(st.lists(st.lists(st.booleans(), min_size=M, max_size=M), min_size=L, max_size=L)))
+    distance = np.abs(np.subtract.outer(np.arange(L), np.arange(L))).astype(float)
+
+    expected = np.where(trained.T, distance[:, np.newaxis], np.inf).argmin(axis=-1)  # the first of equals
+
+    np.testing.assert_array_equal(nearest_trained(trained), expected)
