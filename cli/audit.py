@@ -12,7 +12,7 @@ from .shared.report import command_line, report_folder, show_report
 
 _Passive = Annotated[bool, Option("--passive", help="Evaluate passive trials, which never move.")]
 _QUICK_TRIALS, _QUICK_PERMUTATIONS = 1000, 199
-_QUICK = {"resamples": 25, "replicates": 15, "simulations": 39, "tuned_simulations": 0}
+_QUICK = {"resamples": 25, "replicates": 15, "simulations": 39, "tuned_simulations": 0, "most_taps": 10}
 
 
 @spelled_out
@@ -70,8 +70,9 @@ def audit(
         Option(
             "--quick",
             help=f"Preview with wider intervals that misses small effects: {_QUICK_TRIALS} trials, "
-            f"{_QUICK_PERMUTATIONS} permutations, {_QUICK['resamples']} resamples, {_QUICK['replicates']} replicates "
-            f"and {_QUICK['simulations']} simulations at most; no tuned exponents of a correct model.",
+            f"{_QUICK_PERMUTATIONS} permutations, {_QUICK['resamples']} resamples, {_QUICK['replicates']} replicates, "
+            f"{_QUICK['simulations']} simulations and {_QUICK['most_taps']} taps of a class and session at most; no "
+            "tuned exponents of a correct model.",
         ),
     ] = False,
     seed: Seed = 0,

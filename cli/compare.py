@@ -24,8 +24,8 @@ from .shared.options import (
 )
 from .shared.report import command_line, report_folder, show_report
 
-_QUICK_DRAWS, _QUICK_TRIALS, _QUICK_FOLDS = 100, 1000, 3
-_QUICK = {"resamples": 25, "replicates": 8}
+_QUICK_DRAWS, QUICK_TRIALS, _QUICK_FOLDS = 100, 1000, 3
+QUICK = {"resamples": 25, "replicates": 8}
 
 
 @spelled_out
@@ -61,8 +61,8 @@ def compare(
         bool,
         Option(
             "--quick",
-            help=f"Preview with wider intervals: {_QUICK_DRAWS} draws, {_QUICK_TRIALS} trials, {_QUICK['resamples']} "
-            f"resamples and {_QUICK['replicates']} replicates at most, sessions of the test taps alone left out, or "
+            help=f"Preview with wider intervals: {_QUICK_DRAWS} draws, {QUICK_TRIALS} trials, {QUICK['resamples']} "
+            f"resamples and {QUICK['replicates']} replicates at most, sessions of the test taps alone left out, or "
             f"{_QUICK_FOLDS} groups of positions or objects.",
         ),
     ] = False,
@@ -73,7 +73,7 @@ def compare(
 ) -> None:
     """Compare measurement models by prediction, classification and decision error."""
     if quick:
-        draws, trials = min(draws, _QUICK_DRAWS), min(trials, _QUICK_TRIALS)
+        draws, trials = min(draws, _QUICK_DRAWS), min(trials, QUICK_TRIALS)
         folds = min(folds, 1 if leave_out == "session" else _QUICK_FOLDS)
     with loading():
         from ..analysis.compare.report import compare as study
@@ -93,7 +93,7 @@ def compare(
             play=play,
             leave_out=leave_out,
             folds=folds,
-            **(_QUICK if quick else {}),
+            **(QUICK if quick else {}),
             scheduler=scheduler,
             patience=patience,
             seed=seed,

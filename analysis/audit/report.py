@@ -25,7 +25,7 @@ from ..stats.right_model import SIMULATIONS
 from .checks import REPLICATES
 from .page import audit_page
 from .remedies import BASELINE, Remedy
-from .run import Audit, AuditSettings, audit_taps
+from .run import MOST_TAPS, Audit, AuditSettings, audit_taps
 from .summary import summarise
 from .tables import (
     after_taps_table,
@@ -38,7 +38,7 @@ from .tables import (
 )
 
 FEWEST_PERMUTATIONS, FEWEST_TRIALS = 99, 100
-FEWEST_RESAMPLES = 2
+FEWEST_RESAMPLES, FEWEST_TAPS = 2, 8
 FEWEST_SIMULATIONS = 39
 """With fewer a factor beyond all of them is not significant at 5% on either side."""
 
@@ -146,6 +146,7 @@ def audit(
     replicates: int = REPLICATES,
     simulations: int = SIMULATIONS,
     tuned_simulations: int = RIGHT_EXPONENTS,
+    most_taps: int = MOST_TAPS,
     seed: int = 0,
     progress: Progress = no_progress,
     command: str = "",
@@ -169,6 +170,7 @@ def audit(
         replicates: Of all taps from the fitted histograms, at most, for checks of predictions.
         simulations: Data sets of a correct model, with which miscalibration and error bounds are compared.
         tuned_simulations: Likewise for tuned exponents; 0 skips that.
+        most_taps: Of one class and session on which independence is tested and evidence judged, at least 8.
         seed: Random seed.
         progress: Called with the name and size of every stage; returns the function that advances it.
         command: The command line, for the page.
@@ -186,6 +188,7 @@ def audit(
         ("resamples", resamples, FEWEST_RESAMPLES),
         ("replicates", replicates, FEWEST_RESAMPLES),
         ("simulations", simulations, FEWEST_SIMULATIONS),
+        ("most_taps", most_taps, FEWEST_TAPS),
         ("tuned_simulations", tuned_simulations or RIGHT_EXPONENTS, RIGHT_EXPONENTS),
     ):
         if number < least:
@@ -210,6 +213,7 @@ def audit(
         replicates=replicates,
         simulations=simulations,
         tuned_simulations=tuned_simulations,
+        most_taps=most_taps,
     )
     found = audit_taps(parts, grid, settings, progress)
     about = _about(data, parts, dropped, found.unused, command)

@@ -55,6 +55,7 @@ class AuditSettings:
 
     Intervals are from so many `resamples` of the measuring taps, checks of predictions from so many `replicates`, and
     beliefs are compared with so many `simulations` of a correct model, tuned exponents with `tuned_simulations`.
+    Independence is tested, and evidence judged, on `most_taps` of a class and session at most.
     """
 
     setting: Setting = field(default_factory=Setting)
@@ -69,6 +70,7 @@ class AuditSettings:
     replicates: int = REPLICATES
     simulations: int = SIMULATIONS
     tuned_simulations: int = RIGHT_EXPONENTS
+    most_taps: int = MOST_TAPS
 
 
 class Recalibrated(NamedTuple):
@@ -167,7 +169,7 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
     suspects = named_suspects(parts.all_taps, settings.covariates)
     taps = parts.all_taps.select(np.minimum(*parts.all_taps.indices(grid)) >= 0)
     stratum, by_session = strata(taps, grid)
-    some = evenly(stratum, MOST_TAPS)
+    some = evenly(stratum, settings.most_taps)
     options: dict[str, Any] = {"permutations": settings.permutations, "seed": seed}
     with clock.stage("Checking for leakage"):
         known = [parts.train] if parts.halved else [parts.train, *parts.tune]
@@ -176,7 +178,11 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
     with ThreadPoolExecutor(1) as beside:  # for what keeps one core busy
         sampled = beside.submit(variance_components, taps.taps, where * grid.M + what, taps.session, seed)
         with clock.stage("Testing taxels", 2 * len(np.unique(stratum))) as advance:
-            local = contrasts(taps.taps, stratum, recorded_time(taps), taps.session, MOST_TAPS) if by_session else None
+            local = (
+                contrasts(taps.taps, stratum, recorded_time(taps), taps.session, settings.most_taps)
+                if by_session
+                else None
+            )
             whole = taxel_dependence(taps.taps[some], stratum[some], progress=advance, **options)
             taxels = against_drift(whole, local, progress=advance, **options)
         with clock.stage("Testing times", len(np.unique(stratum))) as advance:
@@ -278,7 +284,7 @@ def _split(
     """The variance of evidence by cause and the test of sessions, or why there are none."""
     taps = parts.all_taps
     where, what = taps.indices(grid)
-    some = evenly((where * grid.M + what) * (int(taps.session.max()) + 1) + taps.session, MOST_TAPS)
+    some = evenly((where * grid.M + what) * (int(taps.session.max()) + 1) + taps.session, settings.most_taps)
     try:
         found = evidence(parts.train, taps, grid, _histograms(base.model), some)
     except InputError as error:

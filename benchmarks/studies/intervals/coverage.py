@@ -5,7 +5,8 @@ models whose log-likelihoods have added noise of equal size and which therefore 
 too`), and by the first of these at half the power (`remedied`). Every data set is drawn anew. The truth is computed
 from a pool of `MANY` taps per class, which no trial uses up; for the difference of two models of equal error it is 0.
 
-`--document docs/explanation/intervals.md` updates the tables of that page.
+`--document docs/explanation/intervals.md` updates the tables of that page; with `--preview` that of intervals made as
+`compare --quick` makes them.
 """
 
 import argparse
@@ -21,6 +22,7 @@ import xarray as xr
 from solidtouch.analysis.compare.classes import class_scores
 from solidtouch.analysis.stats.decisions import at_equal_taps, decision_curves, play_models, spread_of
 from solidtouch.analysis.stats.reliability import EVERYTHING, at_stopping, reliability
+from solidtouch.cli.compare import QUICK, QUICK_TRIALS
 from solidtouch.inference.trials.records import ENDINGS, TapTable
 from solidtouch.inference.trials.resampling import FEW, RESAMPLES
 from solidtouch.models import seeds
@@ -78,9 +80,10 @@ def draw(L: int, M: int, taps: int, seed: int) -> tuple[dict[str, TapTable], Cla
     return {name: TapTable(values, pool, flat) for name, values in seen.items()}, grid_of(L, M)
 
 
-def quantities(L: int, M: int, taps: int, few: bool, seed: int) -> dict[str, Seen]:
+def quantities(L: int, M: int, taps: int, few: bool, preview: bool, seed: int) -> dict[str, Seen]:
     """Everything that is said of one data set, with intervals."""
-    return decisions(L, M, taps, few, TRIALS, RESAMPLES, seed) | scores(L, M, taps, seed)
+    trials, resamples = (QUICK_TRIALS, QUICK["resamples"]) if preview else (TRIALS, RESAMPLES)
+    return decisions(L, M, taps, few, trials, resamples, seed) | scores(L, M, taps, resamples, seed)
 
 
 def decisions(L: int, M: int, taps: int, few: bool, trials: int, resamples: int, seed: int) -> dict[str, Seen]:
@@ -126,10 +129,10 @@ def decisions(L: int, M: int, taps: int, few: bool, trials: int, resamples: int,
     return found
 
 
-def scores(L: int, M: int, taps: int, seed: int) -> dict[str, Seen]:
+def scores(L: int, M: int, taps: int, resamples: int, seed: int) -> dict[str, Seen]:
     """What is said of beliefs after numbers of taps."""
     tables, _ = draw(L, M, taps, seed)
-    data, found = class_scores({name: tables[name] for name in MODELS[1:]}, seed, CONTACTS), {}
+    data, found = class_scores({name: tables[name] for name in MODELS[1:]}, seed, CONTACTS, resamples=resamples), {}
     for n in data["contacts"].values.tolist():
         at = data.sel(contacts=n)
         for name, words in (("accuracy_what", "accuracy"), ("log_score_what", "log score")):
@@ -179,7 +182,7 @@ def coverage(sets: list[Seen], truth: float) -> Coverage:
 
 
 def run(
-    data_sets: int, seed: int, sizes: dict[str, tuple[int, int]], taps: tuple[int, ...]
+    data_sets: int, seed: int, sizes: dict[str, tuple[int, int]], taps: tuple[int, ...], preview: bool = False
 ) -> Iterator[tuple[Any, ...]]:
     """Size, taps per class, quantity and its coverage, all data sets of a size and number of taps at once."""
     with processes() as pool:
@@ -188,7 +191,7 @@ def run(
                 few, gathered = n < FEW, defaultdict(list)
                 truths = pool.submit(decisions, L, M, MANY, few, 100 * TRIALS, 1, _TRUTH)
                 own = [seeds.derived_seed(seed, seeds.Purpose.STUDY, number) for number in range(data_sets)]
-                for one in pool.map(partial(quantities, L, M, n, few), own):
+                for one in pool.map(partial(quantities, L, M, n, few, preview), own):
                     for name, value in one.items():
                         gathered[name].append(value)
                 for name, sets in gathered.items():
@@ -233,19 +236,22 @@ def main() -> None:
     parser.add_argument(
         "--add", action="store_true", help="add to the results of the last run; with an empty --sizes only write them"
     )
+    parser.add_argument("--preview", action="store_true", help="intervals as of `compare --quick`")
     options = parsed(parser, BLOCK)
+    block, kept = (f"{BLOCK}-preview", "intervals-preview") if options.preview else (BLOCK, "intervals")
     rows: list[tuple[Any, ...]] = []
 
     def write() -> None:
-        write_json("intervals", [[size, n, name, *found] for size, n, name, found in rows])
-        write_block(options.document, BLOCK, document(rows))
+        write_json(kept, [[size, n, name, *found] for size, n, name, found in rows])
+        write_block(options.document, block, document(rows))
 
     if options.add:
         wanted = set(product(options.sizes, options.taps))
-        old = json.loads((OUT / "intervals.json").read_text(encoding="utf-8"))
+        old = json.loads((OUT / f"{kept}.json").read_text(encoding="utf-8"))
         rows = [(size, n, name, Coverage(*found)) for size, n, name, *found in old if (size, n) not in wanted]
         write()
-    for row in run(options.data_sets, options.seed, {name: SIZES[name] for name in options.sizes}, tuple(options.taps)):
+    sizes = {name: SIZES[name] for name in options.sizes}
+    for row in run(options.data_sets, options.seed, sizes, tuple(options.taps), options.preview):
         size, n, name, found = row
         print(
             f"{size:6} {n:3} {name:64} {told(found)} of {found.n}, truth {found.truth:.4g} bias {found.bias:+.2f} "
