@@ -6,15 +6,28 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
 
+from ..analysis.tasks.crew import PATIENCE_S, crew_of
 from ..models.errors import InputError
 from ..models.settings import Division, FitSettings
 from .shared.interrupt import loading
-from .shared.options import DIVIDED, FITTING, Data, Fields, Force, Model, Seed, spelled_out
+from .shared.options import (
+    DIVIDED,
+    FITTING,
+    Data,
+    Fields,
+    Force,
+    Model,
+    Patience,
+    Scheduler,
+    Seed,
+    spelled_out,
+)
 from .shared.progress import bars
 
 if TYPE_CHECKING:
     import xarray as xr
 
+    from ..analysis.tasks.crew import Crew
     from ..models.measurement.model import Fitted, TapModel
     from ..models.taps import TapSet
 
@@ -68,6 +81,8 @@ def fit(
             "powers; at least 19, each as slow as the fit; 0 skips this.",
         ),
     ] = 0,
+    scheduler: Scheduler = None,
+    patience: Patience = PATIENCE_S,
     seed: Seed = 0,
     force: Force = False,
 ) -> None:
@@ -83,18 +98,13 @@ def fit(
         from ..inference.tuning.tempering import fit_tempered
         from ..models.io.model_file import save_model
         from ..models.measurement.histogram import trim
-        from ..models.settings import learned_taps
         from ..models.splits import load_experiment
 
     check_used(model, settings)
     if arviz and draws == 0:
         raise InputError("--arviz requires draws; --draws must be at least 1.")
-    if simulations:
-        if learned_taps(settings.power) is None:
-            raise InputError("--simulations requires --power learned.")
-        with loading():
-            from ..analysis.stats.right_exponent import check_simulations
-        check_simulations(simulations)
+    _check_simulations(simulations, settings, scheduler)
+    crew = crew_of(scheduler, None, patience)
     settings = settings.changed(seed=seed)
     parts, grid = load_experiment(data, division)
     if len(parts.folds) != 1:
@@ -105,7 +115,7 @@ def fit(
     with bars() as progress:
         fitted, learned = fit_tempered(model, fold.train, grid, settings, trained_on, progress)
     written, kept = _written(fitted, fold.train, draws, arviz)
-    beside = "" if learned is None else _beside(model, fitted, fold.train, settings, learned.taps, simulations)
+    beside = "" if learned is None else _beside(model, fitted, fold.train, settings, learned.taps, simulations, crew)
     save_model(written, out, force, kept, fitted.convergence)
     left_out = [*dropped, *written.left_out]
     print(parts.description)
@@ -127,7 +137,23 @@ def fit(
         print(f"Left out, without training taps: {', '.join(left_out)}")
 
 
-def _beside(model: str, fitted: "Fitted", taps: "TapSet", settings: "FitSettings", n: int, simulations: int) -> str:
+def _check_simulations(simulations: int, settings: FitSettings, scheduler: str | None) -> None:
+    """Checks that simulations are enough and for a learned power, and that a scheduler has some."""
+    from ..models.settings import learned_taps
+
+    if scheduler is not None and not simulations:
+        raise InputError("--scheduler requires --simulations; the fit of one model is not divided.")
+    if simulations:
+        if learned_taps(settings.power) is None:
+            raise InputError("--simulations requires --power learned.")
+        with loading():
+            from ..analysis.stats.right_exponent import check_simulations
+        check_simulations(simulations)
+
+
+def _beside(
+    model: str, fitted: "Fitted", taps: "TapSet", settings: "FitSettings", n: int, simulations: int, crew: "Crew"
+) -> str:
     """Comparison of the learned power with those of simulated data sets, as a sentence; empty without simulations."""
     if not simulations:
         return ""
@@ -135,7 +161,7 @@ def _beside(model: str, fitted: "Fitted", taps: "TapSet", settings: "FitSettings
         from ..analysis.stats.right_exponent import learned_beside
     with bars() as progress:
         counted = progress("Learning powers of simulated data", simulations)
-        return learned_beside(model, fitted.model, taps, settings, n, simulations, counted).sentence
+        return learned_beside(model, fitted.model, taps, settings, n, simulations, counted, crew).sentence
 
 
 def _written(

@@ -16,7 +16,7 @@ The test has one side, below: neither exponent nor saturation can be tuned above
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,11 +24,16 @@ from numpy.typing import NDArray
 from ...inference.tuning.tempering import CONTACTS, learn_power
 from ...models import seeds
 from ...models.errors import InputError
+from ...models.grid import ClassGrid
+from ...models.measurement.fits.portable import PortableFit
+from ...models.measurement.fits.posterior import EXACT
+from ...models.measurement.generic.source import all_registered, take_over
 from ...models.measurement.histogram import HistogramModel
-from ...models.measurement.model import TapModel
+from ...models.measurement.model import Fitted, TapModel
+from ...models.progress import silent
 from ...models.settings import FitSettings
 from ...models.taps import TapSet
-from ...models.threads import cores, in_order
+from ..tasks.crew import THREADS, Crew
 from .right_model import LEVEL, Beside, compare, drawn_set
 
 type Floats = NDArray[np.float64]
@@ -93,7 +98,8 @@ def simulate_tuned(
     count: int,
     seed: int,
     simulations: int = SIMULATIONS,
-    progress: Callable[[int], None] | None = None,
+    progress: Callable[[int], object] = silent,
+    crew: Crew = THREADS,
 ) -> Floats:
     """Values tuned on data sets for which a model is correct.
 
@@ -105,25 +111,36 @@ def simulate_tuned(
         seed: Of all random numbers.
         simulations: S, how many data sets.
         progress: Called after every data set.
+        crew: What does the work, a data set at a time.
 
     Returns:
         What `tune` returns, shape (S, C); NaN where it could not.
     """
     usable = [taps.select(known) for taps in sets if (known := model.known(taps)).any()]
 
-    def one(number: int) -> Sequence[float] | None:
-        generator = seeds.generator(seed, seeds.Purpose.RIGHT_EXPONENT, number)
-        try:
-            return tune(right_sets(model, usable, generator))
-        except InputError:
-            return None
-
-    found = []
-    for result in in_order((partial(one, number) for number in range(simulations)), cores(None)):
-        found.append(result)
-        if progress is not None:
-            progress(1)
+    simulated = _Simulated(PortableFit(Fitted(model, None, EXACT)), usable, tune, seed, all_registered())
+    found = crew(_tuned, range(simulations), simulated, progress)
     return np.array([[np.nan] * count if row is None else row for row in found])
+
+
+class _Simulated(NamedTuple):
+    """What data sets are simulated from, and what is done with each; with the functions of users registered here."""
+
+    made: PortableFit
+    sets: list[TapSet]
+    tune: Callable[[Sequence[TapSet]], Sequence[float]]
+    seed: int
+    functions: dict[str, Any]
+
+
+def _tuned(number: int, given: _Simulated) -> Sequence[float] | None:
+    """Values tuned on a simulated data set; `None` where it cannot be."""
+    take_over(given.functions)
+    generator = seeds.generator(given.seed, seeds.Purpose.RIGHT_EXPONENT, number)
+    try:
+        return given.tune(right_sets(given.made.fitted.model, given.sets, generator))
+    except InputError:
+        return None
 
 
 def right_sets(model: TapModel, sets: Sequence[TapSet], generator: np.random.Generator) -> list[TapSet]:
@@ -193,7 +210,8 @@ def learned_beside(
     settings: FitSettings,
     n: int,
     simulations: int = SIMULATIONS,
-    progress: Callable[[int], None] | None = None,
+    progress: Callable[[int], object] = silent,
+    crew: Crew = THREADS,
 ) -> Tuned:
     """A power of `tempering.learn_power` beside those of a right model.
 
@@ -205,13 +223,15 @@ def learned_beside(
         n: Taps after which the power was judged.
         simulations: Data sets.
         progress: Called after every data set.
+        crew: What does the work, a data set at a time.
     """
-
-    def tune(sets: Sequence[TapSet]) -> Sequence[float]:
-        return [learn_power(name, sets[0], model.grid, settings, n, settings.seed).power]
-
-    found = simulate_tuned(model, [taps], tune, 1, settings.seed, simulations, progress)
+    tune = partial(_learned, name, model.grid, settings, n)
+    found = simulate_tuned(model, [taps], tune, 1, settings.seed, simulations, progress, crew)
     return beside_right_model(model.exponent, None, found, model, taps)
+
+
+def _learned(name: str, grid: ClassGrid, settings: FitSettings, n: int, sets: Sequence[TapSet]) -> Sequence[float]:
+    return [learn_power(name, sets[0], grid, settings, n, settings.seed).power]
 
 
 def _number(value: float) -> str:

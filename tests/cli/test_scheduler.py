@@ -15,7 +15,7 @@ FEW = {
 
 @pytest.fixture
 def data(make_taps, tmp_path):
-    taps = make_taps(L=2, M=2, J=2, K=2, sessions=2, repeats=6)
+    taps = make_taps(L=2, M=2, J=2, K=2, sessions=3, repeats=6)
     taps.save(tmp_path / "taps.nc")
     return tmp_path / "taps.nc"
 
@@ -26,6 +26,16 @@ def test_a_scheduler_that_is_not_there_is_one_sentence(command, data, tmp_path, 
 
     assert done.code == 2
     assert done.err.splitlines()[-1] == "solidtouch: There is no Dask scheduler at tcp://127.0.0.1:1 after 0.2 s."
+
+
+def test_a_fit_has_simulations_to_spread(command, data, tmp_path):
+    words = "fit", data, "--out", tmp_path / "model.nc", *NOWHERE, "--patience", 0.2
+    alone = command(*words)
+    learned = command(*words, "--power", "learned:2", "--simulations", 19)
+
+    assert (alone.code, learned.code) == (2, 2)
+    assert "--scheduler requires --simulations; the fit of one model is not divided." in alone.err
+    assert "There is no Dask scheduler at tcp://127.0.0.1:1 after 0.2 s." in learned.err
 
 
 @pytest.mark.parametrize("study", ["sensitivity", "strategies"])

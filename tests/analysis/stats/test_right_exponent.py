@@ -19,6 +19,7 @@ from solidtouch.analysis.stats.right_exponent import (
     simulate_tuned,
 )
 from solidtouch.analysis.stats.right_model import Beside, drawn_set, drawn_taps
+from solidtouch.analysis.tasks.crew import on_runner
 from solidtouch.hardware.simulator.model_rig import draw_session
 from solidtouch.inference.tuning.tempering import best_power, fit_tempered
 from solidtouch.models.errors import InputError
@@ -29,6 +30,7 @@ from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.setting_file import Setting
 from solidtouch.models.settings import FitSettings
 from solidtouch.models.taps import TapSet, concatenate
+from task_runners import through_pickle
 
 B, J, N = 6, 4, 6
 SETTINGS = FitSettings(bins=B)
@@ -264,6 +266,8 @@ def test_learned_powers_stand_beside_those_of_a_right_model(name):
         assert (found[-1].taps, found[-1].simulations, sum(told)) == (40, SIMULATIONS, SIMULATIONS)
     if name == "histogram":
         assert [outside(one.power) for one in found] == [False, True]
+    elsewhere = learned_beside(name, fitted.model, taps, settings, learned.taps, crew=on_runner(through_pickle))
+    assert elsewhere == found[-1]
     assert re.search("a correct model on 40 training taps per class gives", found[0].sentence)
 
 
