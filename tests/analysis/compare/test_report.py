@@ -38,16 +38,18 @@ def by_object(where, what, taps=None, *, M, J, K):
 
 
 @pytest.mark.parametrize(
-    "models", [["histogram", "gaussian", "session:gaussian"], [by_object]], ids=["built-in", "own"]
+    ("models", "draws"),
+    [(["histogram", "gaussian", "session:gaussian"], 100), ([by_object], 0)],
+    ids=["built-in", "own"],
 )
-def test_models_fitted_and_judged_elsewhere_have_the_same_numbers(make_taps, monkeypatch, models):
+def test_models_fitted_and_judged_elsewhere_have_the_same_numbers(make_taps, monkeypatch, models, draws):
     """In all tables, to the last bit."""
     taps = make_taps(L=2, M=2, J=3, K=2, sessions=3, repeats=6)
     first = taps.session < 2
     parts = taps.select(first), taps.select(~first)
-    here = compare(*parts, models=models, draws=100, **FOUR_TAPS)
+    here = compare(*parts, models=models, draws=draws, **FOUR_TAPS)
     monkeypatch.setattr(compare_report, "crew_of", lambda *_: on_runner(through_pickle))
-    there = compare(*parts, models=models, draws=100, scheduler="tcp://elsewhere:1", **FOUR_TAPS)
+    there = compare(*parts, models=models, draws=draws, scheduler="tcp://elsewhere:1", **FOUR_TAPS)
 
     assert timeless(here) == timeless(there)
     for name, group in here.tree.subtree_with_keys:
