@@ -37,7 +37,7 @@ from .leakage.run import Leakage, leakage
 from .remedies import RefusedRemedy, Remedy, beside_right, count_remedies, make_remedies
 from .remedy_scores import Measured, count_measurements, measure
 from .variance.causes import SEQUENCE, split_variance
-from .variance.gains import Components, variance_components
+from .variance.gains import Components, import_samplers, variance_components
 from .variance.split import session_p
 from .variance.suspects import Suspect, named_suspects
 from .verdict import NOT_ENOUGH, calibration, recommended
@@ -175,6 +175,7 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
         known = [parts.train] if parts.halved else [parts.train, *parts.tune]
         leaks = leakage(concatenate(known), parts.measure, grid, seed, settings.pre)
     where, what = taps.indices(grid)
+    import_samplers()
     with ThreadPoolExecutor(1) as beside:  # for what keeps one core busy
         sampled = beside.submit(variance_components, taps.taps, where * grid.M + what, taps.session, seed)
         with clock.stage("Testing taxels", 2 * len(np.unique(stratum))) as advance:

@@ -92,6 +92,17 @@ def effective_taps(n: ArrayLike, rho: ArrayLike) -> NDArray[np.float64]:
     return n / (1 + (n - 1) * np.asarray(rho))
 
 
+def import_samplers() -> None:
+    """Imports what `variance_components` needs, before it runs beside other threads.
+
+    SciPy looks into a JAX that is there, and fails if another thread has imported half of it.
+    """
+    import arviz  # noqa: F401, PLC0415 - as in `_sample`
+    import numpyro.infer  # noqa: F401, PLC0415
+
+    from ....models.measurement import gain_variance  # noqa: F401, PLC0415
+
+
 def variance_components(
     taps: NDArray[np.floating], own: NDArray[np.integer], session: NDArray[np.integer], seed: int = 0
 ) -> Components:
