@@ -30,7 +30,7 @@ from benchmarks.speed.sweep import batches_of_one, study
 PROCESSES = (2, 4, 8)
 UPDATES = 1e12
 CORES = (10, 100, 1000)
-LONG_S, SHARED_MB = 0.5, 16
+LONG_S, SHARED_MB = 0.5, 64
 TRIALS = 1_000_000
 _PER_PROCESS = 8  # long tasks
 
@@ -103,7 +103,7 @@ def overhead(processes: int, quick: bool) -> Overhead:
                 batch = (seconds(nothing, range(few), address) - first) / few
             task = (seconds(nothing, range(many), address) - first) / many
             bare = seconds(long, range(_PER_PROCESS * processes), address)
-            data = seconds(nothing, [0], address, np.zeros(SHARED_MB << 17)) - first
+            data = seconds(nothing, [0], address, np.sqrt(np.arange(SHARED_MB << 17))) - first
             found.append((first, batch, task, _PER_PROCESS * LONG_S / (bare - first), data))
     return Overhead(processes, *(median(each) for each in zip(*found, strict=True)), fresh)
 
