@@ -1,7 +1,7 @@
 """Comparison of measurement models on the same taps at three levels: taps, classes and decisions."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -131,6 +131,7 @@ def compare_models(
     left = LeftGroups(settings.leave_out, train, test, grid, fit, *how, all_registered(), Kept())
     groups, elpd, sentence, missing = leave_out_groups(fits, left, clock, crew)
     checks, incomplete = None, bool(np.isnan(train.taps).any())
+    missing += _sessions_mixed(fits, shared)
     if settings.draws and incomplete:
         missing.append("Predictive checks are left out, because training taps have missing samples.")
     if settings.draws and not incomplete:
@@ -194,6 +195,17 @@ def _check(settings: CompareSettings) -> None:
             "--border prior renormalises the belief and does not go with models that carry a state: "
             f"{', '.join(in_states)}."
         )
+
+
+def _sessions_mixed(fits: Mapping[str, Fitted], test: TapSet) -> list[str]:
+    """A sentence where trials mix sessions that a model takes for one."""
+    one = [name for name, fitted in fits.items() if len(fitted.model.states.gain) > 1]
+    if not one or len(set(test.session.tolist())) < 2:
+        return []
+    return [
+        f"Trials draw taps of several test sessions, which {', '.join(one)} {'take' if len(one) > 1 else 'takes'} for "
+        "one; compare on one test session at a time for the error of decisions in a session."
+    ]
 
 
 def _edges(train: TapSet, grid: ClassGrid, fit: FitSettings) -> Any:

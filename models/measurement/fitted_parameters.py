@@ -15,6 +15,7 @@ from ..errors import InputError
 from ..grid import ClassGrid
 from ..settings import FitSettings, likelihood_exponent
 from ..taps import TapSet
+from .fits.posterior import several
 from .fits.priors import Taps
 from .likelihood.bins import bin_edges
 from .likelihood.forecasts import log_mean
@@ -113,7 +114,7 @@ class ModelOfParameters(TapModel):
         """Predictive log probability, averaged over draws."""
         # Taps in the state of gain 1 and offset 0; bins go with them, so probabilities stay those of the same bins.
         taps, edges = (taps - offset) / gain, (self.edges - offset) / gain
-        forms = (self.form_of(posterior.draw(generator)) for _ in range(_MANY_DRAWS))
+        forms = map(self.form_of, several(posterior, [generator] * _MANY_DRAWS))
         return log_mean([form.own(taps, edges, *own) for form in forms])
 
     def groups(self) -> dict[str, xr.Dataset]:

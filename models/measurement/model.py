@@ -23,6 +23,7 @@ from ..seeds import Purpose, generator
 from ..settings import Missing, check_missing, check_saturation, likelihood_exponent
 from ..storage import write_groups
 from ..training import training_taps
+from .fits.posterior import several
 from .likelihood.bins import NOT_FINITE, find_bins
 from .likelihood.mixture import mean_form
 from .missing import dependent
@@ -484,7 +485,7 @@ class Fitted(NamedTuple):
                 "improper."
             )
         model: Any = self.model  # every kind is a dataclass
-        each = (posterior.draw(generator(seed, Purpose.INTEGRATED, number)) for number in range(draws))
+        each = several(posterior, [generator(seed, Purpose.INTEGRATED, number) for number in range(draws)])
         return self._replace(model=replace(model, draws=tuple(each)))
 
 

@@ -1,6 +1,6 @@
 """Posterior and prior of a model's parameters: interfaces, convergence, and a posterior given by Markov chains."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -60,6 +60,12 @@ class Posterior(Protocol):
     def convergence(self) -> Convergence:
         """Convergence of the fit."""
         ...
+
+
+def several(posterior: Posterior, generators: Sequence[np.random.Generator]) -> Iterator[Parameters]:
+    """Draws of the parameters, one for each generator; spread evenly together where the posterior knows how."""
+    together: Any = getattr(posterior, "together", None)
+    return together(generators) if together else (posterior.draw(generator) for generator in generators)
 
 
 type ByClass = dict[str, tuple[tuple[str, ...], NDArray[np.float64]]]

@@ -1,5 +1,6 @@
 """Latent variables of a session that no training tap belongs to."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from math import prod
 from typing import Any, NamedTuple
@@ -12,7 +13,6 @@ from numpy.typing import NDArray
 from numpyro.handlers import seed, trace
 from numpyro.primitives import Messenger
 
-from ...seeds import Purpose, generator
 from ..fits.posterior import Convergence, Posterior
 from ..fits.present import peeled
 from ..likelihood.shapes import Parameters
@@ -85,33 +85,39 @@ class InNewSessions(NamedTuple):
         """Latent variables from the posterior, with a new session."""
         return with_new_session(self.program, self.inner.draw(generator), generator)
 
+    def together(self, generators: Sequence[np.random.Generator]) -> Iterator[Parameters]:
+        """Draws, one for each generator, whose new sessions are spread evenly."""
+        each = [self.inner.draw(own) for own in generators]
+        return in_new_sessions(self.program, each, generators)
 
-def in_new_sessions(program: Program, latents: Parameters, number: int) -> list[dict[str, NDArray[np.float64]]]:
-    """Latent variables with one session more, so often that the draws stand for its prior given the others.
 
-    Draws are at the points of a scrambled Sobol sequence where NumPyro has quantiles of the prior, which fills it more
-    evenly than independent ones.
+def in_new_sessions(
+    program: Program, latents: Sequence[Parameters], generators: Sequence[np.random.Generator]
+) -> Iterator[dict[str, NDArray[np.float64]]]:
+    """Latent variables with one session more each, which together stand for its prior given the others.
+
+    Sessions are at the points of a scrambled Sobol sequence where NumPyro has quantiles of the prior, which fills it
+    more evenly than independent draws.
 
     Args:
         program: The model.
-        latents: Its latent variables, by name.
-        number: How often, a power of 2.
+        latents: Its latent variables, by name, D times.
+        generators: Random generators, D of them; the first one also scrambles the sequence.
     """
     from scipy.stats import qmc
 
     axes = program.structure.by_session
-    shapes = {name: list(np.shape(latents[name])) for name in axes}
+    shapes = {name: list(np.shape(latents[0][name])) for name in axes}
     for name, axis in axes.items():
         shapes[name][axis] = 1
-    generators = [generator(0, Purpose.NEW_SESSION, each) for each in range(number)]
     ends = np.cumsum([0, *map(prod, shapes.values())])
-    points = qmc.Sobol(int(ends[-1]), rng=generator(0, Purpose.NEW_SESSION, number)).random(number)
-    found = []
-    for own, point in zip(generators, points, strict=True):
+    points: Any = [None] * len(latents)
+    if ends[-1] <= qmc.Sobol.MAXDIM:
+        points = qmc.Sobol(int(ends[-1]), rng=generators[0]).random_base2((len(latents) - 1).bit_length())
+    for own, point, known in zip(generators, points, latents, strict=False):
         parts = zip(shapes.items(), ends[:-1], ends[1:], strict=True)
-        quantiles = {name: point[start:end].reshape(shape) for (name, shape), start, end in parts}
-        found.append(with_new_session(program, latents, own, quantiles))
-    return found
+        at = {} if point is None else {name: point[start:end].reshape(shape) for (name, shape), start, end in parts}
+        yield with_new_session(program, known, own, at)
 
 
 def with_new_session(

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ...progress import Progress, no_progress
+from ...seeds import Purpose, generator
 from ...settings import FitSettings
 from ..fits.priors import filled
 from ..fitted_parameters import ModelOfParameters, training
@@ -33,12 +34,12 @@ if TYPE_CHECKING:
     from .form import GenericForm
     from .runs import Program
 
-_SESSIONS = 64  # draws of a new session where the model decides at one value
-_CHECKED = 64  # taps by which these are judged
-_LARGE_ERROR = 1.0  # nats per tap
+_SESSIONS = 128  # draws of a new session where the model decides at one value
+_EPISODES, _TAPS = 12, 10  # by which these are judged
+_LARGE_ERROR = 0.1  # nats
 _UNCERTAIN = (
-    f"The log probability of a tap in a new session comes from {_SESSIONS} draws of {{names}} and is off by "
-    "{off:.1f} nats or more; the fewer latent variables a session has, the less."
+    f"What belongs to a new session ({{names}}) is one of {_SESSIONS} draws, by which the log evidence of {_TAPS} taps "
+    "is off by about {off:.2g} nats; more draws, --integrate D, and fewer such variables make it more exact."
 )
 
 
@@ -108,8 +109,8 @@ class GenericStory:
             _ = model.plain_form  # refuses wrong probabilities before anything is decided by them
         if structure.by_session:
             found = InNewSessions(found, program)
-            some = np.linspace(0, len(used) - 1, min(_CHECKED, len(used))).astype(np.intp)
-            off = model.integration_error(known.samples[some], (known.where[some], known.what[some]))
+            episodes = some_episodes(session, generator(0, Purpose.NEW_SESSION, _SESSIONS))
+            off = model.integration_error(known.samples, (known.where, known.what), episodes)
             if off > _LARGE_ERROR:
                 warning = f"{warning} {_UNCERTAIN.format(names=', '.join(structure.by_session), off=off)}".lstrip()
         return Fitted(model, found, found.convergence()._replace(warning=warning))
@@ -134,6 +135,15 @@ class GenericStory:
             covered=data["covered"].values.astype(bool),
             **common,
         )
+
+
+def some_episodes(session: NDArray[np.intp], generator: np.random.Generator) -> list[NDArray[np.intp]]:
+    """Indices of taps of the same session, several times."""
+    episodes = []
+    for number in generator.choice(session, size=_EPISODES):
+        rows = np.flatnonzero(session == number)
+        episodes.append(generator.permutation(rows)[:_TAPS])
+    return episodes
 
 
 def batch_of(grid: "ClassGrid", preprocessing: Any, K: int) -> StoryCall:
@@ -208,20 +218,24 @@ class GenericModel(ModelOfParameters):
         each: Any = [one for part in parts for one in (part.parts if isinstance(part, MixtureForm) else (part,))]
         return each[0].joined(each)
 
-    def integration_error(self, taps: NDArray[np.float64], own: "Own") -> float:
-        """Mean error of the log probability of a tap in a new session, in nats, from two halves of its draws.
+    def integration_error(self, taps: NDArray[np.float64], own: "Own", episodes: Sequence[NDArray[np.intp]]) -> float:
+        """Mean error of the log evidence of episodes in a new session, in nats, from two halves of its draws.
 
-        Where draws are few for the dimensions of a session, all miss where a tap is likely, and the error is larger.
+        Where draws are few for the dimensions of a session, all miss where taps are likely, and the error is larger.
 
         Args:
             taps: Shape (N, J, K).
             own: Their classes.
+            episodes: Indices of the taps of each episode.
         """
         from ..likelihood.true_class import OwnTaps
 
-        known = OwnTaps(taps, own, self.edges, self.states)
+        rows, where = np.unique(np.concatenate(episodes), return_inverse=True)
+        part = np.split(where, np.cumsum([len(one) for one in episodes])[:-1])
+        known = OwnTaps(taps[rows], (own[0][rows], own[1][rows]), self.edges, self.states)
         each = np.stack([known.log_probability(self.form_of(parameters)) for parameters in self.decides_at])
-        halves = [np.logaddexp.reduce(half, axis=0) for half in np.split(each, 2)]
+        evidence = self.exponent * np.stack([each[:, rows].sum(axis=1) for rows in part], axis=1)
+        halves = [np.logaddexp.reduce(half, axis=0) for half in np.split(evidence, 2)]
         return 0.5 * float(np.abs(halves[0] - halves[1]).mean())
 
     def by_story(self, parameters: Parameters) -> list["GenericForm"]:
@@ -261,7 +275,8 @@ class GenericModel(ModelOfParameters):
 
         if not self.program.structure.by_session:
             return [self.parameters]
-        return in_new_sessions(self.program, self.parameters, _SESSIONS)
+        generators = [generator(0, Purpose.NEW_SESSION, number) for number in range(_SESSIONS)]
+        return list(in_new_sessions(self.program, [self.parameters] * _SESSIONS, generators))
 
     def form_of(self, parameters: Parameters) -> Form:
         """Likelihood form of other parameters; their last session is the one at perception."""

@@ -153,7 +153,7 @@ def test_a_function_with_sessions_is_compared_in_every_way(make_taps):
         with numpyro.plate("tap", len(where), dim=-3), numpyro.plate("J", J, dim=-2), numpyro.plate("K", K, dim=-1):
             numpyro.sample("taps", dist.Normal(level, 1.0), obs=taps)
 
-    taps = make_taps(L=2, M=2, J=3, K=2, sessions=2, repeats=6)
+    taps = make_taps(L=2, M=2, J=3, K=2, sessions=3, repeats=6)
     first = taps.session == 0
     fitting = FitSettings(bins=10, method="map", unconverged=True)
     report = compare(
@@ -169,3 +169,4 @@ def test_a_function_with_sessions_is_compared_in_every_way(make_taps):
     assert list(report.tree["checks"]["model"].values) == ["gaussian", "shifted"]
     assert list(report.tree["taps_left_out"]["model"].values) == ["gaussian", "shifted"]
     assert np.isfinite(report.taps["integrated"].sel(model="shifted"))
+    assert any("several test sessions, which shifted takes for one" in text for text in report.summary["warnings"])

@@ -15,7 +15,7 @@ from solidtouch.models.io.model_file import load_model
 from solidtouch.models.measurement.draws import drawn, replicated_bins
 from solidtouch.models.measurement.generic import fit as fits
 from solidtouch.models.measurement.generic.contract import StoryCall, StoryFunction
-from solidtouch.models.measurement.generic.story import at_prior
+from solidtouch.models.measurement.generic.story import at_prior, some_episodes
 from solidtouch.models.measurement.generic.structure import structure_of
 from solidtouch.models.measurement.likelihood.bins import find_bins
 from solidtouch.models.measurement.likelihood.story_likelihood import log_likelihoods as by_story
@@ -196,22 +196,32 @@ def test_priors_without_quantiles_are_drawn_from(fitted, monkeypatch):
     assert len(set((quantiles * len(quantiles)).astype(int))) < len(quantiles)
 
 
-def test_the_error_of_the_mean_over_new_sessions_is_known(fitted):
-    """Within a factor of 3, on taps whose exact probabilities are known."""
+def test_the_error_of_the_draws_of_new_sessions_is_known(fitted):
+    """Not much less, on episodes whose exact log evidence is known; half of the draws are far less exact."""
     taps, fit, _ = fitted(shifts)
-    some = taps.select(np.arange(0, len(taps), 3))
-    model, own = fit.model, some.indices(fit.model.grid)
-    many = np.repeat(some.taps, 30, axis=1)  # more samples tell more of the session, which fewer draws are near
-    shift = np.linspace(-6, 6, 1201)
+    model, own = fit.model, taps.indices(fit.model.grid)
+    session = np.searchsorted([2, 5, 9], taps.session)
+    episodes = some_episodes(session, np.random.default_rng(0))
+    shift = np.linspace(-6, 6, 2401)
     level = model.parameters["loc"][own[1]][:, None, None] + shift[:, None, None, None]
-    each = log_probability(model, many, level)
-    prior = stats.norm.logpdf(shift, 0, 2)[:, None]
-    exact = np.logaddexp.reduce(each + prior, axis=0) + np.log(shift[1] - shift[0])
-    means = OwnTaps(many, own, model.edges, model.states).log_probability(model.plain_form)
-    error = np.abs(means - exact).mean()
+    each = log_probability(model, taps.taps, level)
+    prior = stats.norm.logpdf(shift, 0, 2) + np.log(shift[1] - shift[0])
+    exact = [np.logaddexp.reduce(each[:, rows].sum(axis=1) + prior) for rows in episodes]
+    known = OwnTaps(taps.taps, own, model.edges, model.states)
+    parts = np.stack([known.log_probability(model.form_of(one)) for one in model.decides_at])
+    found = [np.logaddexp.reduce(parts[:, rows].sum(axis=1)) - np.log(len(parts)) for rows in episodes]
+    error = np.abs(np.subtract(found, exact)).mean()
 
-    assert error / 3 < model.integration_error(many, own) < 3 * error
-    assert error > 0.02
+    assert all(len(rows) == 10 and len(set(session[rows])) == 1 for rows in episodes)
+    assert error / 3 < model.integration_error(taps.taps, own, episodes) < 10 * error
+    assert error > 1e-3
+
+
+def test_integrated_fits_spread_new_sessions_evenly(fitted):
+    draws = fitted(shifts)[1].integrated(32, 1).model.draws
+    quantiles = stats.norm.cdf([one["shift"][-1] for one in draws], 0, 2)
+
+    np.testing.assert_array_equal(np.sort((quantiles * 32).astype(int)), np.arange(32))
 
 
 def test_a_session_has_no_gain_beside_what_it_has_already(fitted):
