@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 from math import prod
 from typing import Any, NamedTuple
 
@@ -131,11 +132,19 @@ def with_new_session(
         generator: Random generator of the draw.
         quantiles: At which those of the new session are drawn instead, by name, with one session each.
     """
+    known = {name: np.asarray(values, dtype=np.float64) for name, values in latents.items()}
+    with jax.enable_x64(True):
+        found = _with_new_session(program, known, key_from(generator), quantiles or {})
+    return {name: np.asarray(values, dtype=np.float64) for name, values in found.items()}
+
+
+@partial(jax.jit, static_argnums=0)
+def _with_new_session(program: Program, latents: Any, key: jax.Array, quantiles: Any) -> dict[str, jax.Array]:
     axes = program.structure.by_session
-    S = np.shape(latents[next(iter(axes))])[next(iter(axes.values()))]
+    S = latents[next(iter(axes))].shape[next(iter(axes.values()))]
     zeros, (_, _, J, K) = np.zeros(S + 1, dtype=np.intp), program.batch.shape
     batch = replace(program.batch, where=zeros, what=zeros, session=np.arange(S + 1))
-    with jax.enable_x64(True), numpyro.validation_enabled(False):
-        story = seed(lambda: program.story(batch, jnp.zeros((S + 1, J, K))), key_from(generator))
-        sites = trace(_Known(story, latents, axes, quantiles or {})).get_trace()
-    return {name: np.asarray(sites[name]["value"], dtype=np.float64) for name in latents}
+    with numpyro.validation_enabled(False):
+        story = seed(lambda: program.story(batch, jnp.zeros((S + 1, J, K))), key)
+        sites = trace(_Known(story, latents, axes, quantiles)).get_trace()
+    return {name: sites[name]["value"] for name in latents}
