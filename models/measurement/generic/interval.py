@@ -235,7 +235,8 @@ def _log_sum(base: Any, lower: jax.Array, upper: jax.Array) -> jax.Array:
         each = log_density(base, jnp.broadcast_to(first.astype(int) + step, shape))
         return jnp.logaddexp(total, jnp.where(step < number, each, -jnp.inf))
 
-    return jax.lax.fori_loop(0, number.max().astype(int), add, jnp.full(shape, -jnp.inf))
+    total = jax.lax.fori_loop(0, number.max().astype(int), add, jnp.full(shape, -jnp.inf))
+    return jnp.where(jnp.isneginf(lower) & jnp.isposinf(upper), 0.0, total)
 
 
 def _log_difference(base: Any, lower: jax.Array, upper: jax.Array) -> jax.Array:

@@ -161,7 +161,7 @@ COUNTS = {
 def test_integers_without_a_distribution_function_are_summed(name):
     """A bin has the probability of the integers in it, however many; the last one that of all beyond."""
     counts, pmf = COUNTS[name]
-    for edges in (np.linspace(-0.25, 10.25, 22), np.linspace(-0.5, 10.5, 4)):
+    for edges in (np.linspace(-0.25, 10.25, 22), np.linspace(-0.5, 10.5, 4), np.array([-0.5, 10.5])):
         first = np.ceil(np.append(edges[:-1], 300)).astype(int)
         expected = np.array([pmf(np.arange(*ends)).sum() for ends in itertools.pairwise(first)])
         np.testing.assert_allclose(np.exp(log_probability(counts, every_bin(edges))), expected, rtol=1e-5, atol=1e-9)
