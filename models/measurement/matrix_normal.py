@@ -6,13 +6,14 @@ Computation and Simulation 64 (1999) 105, in its variational form, Bishop ch. 10
 the taxel precisions of all classes is the one under which these are most probable.
 """
 
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
-from scipy.optimize import minimize_scalar
-from scipy.special import multigammaln, psi  # pyright: ignore[reportAttributeAccessIssue] - missing in the stubs
+from scipy.optimize import brentq
+from scipy.special import psi  # pyright: ignore[reportAttributeAccessIssue] - missing in the stubs
 
 from .fits.cells import CELL
 from .fits.posterior import Convergence, Sites, ascent, check_times
@@ -21,7 +22,7 @@ from .likelihood.forecasts import Unseen, over_draws
 from .likelihood.forms import GaussianForm
 from .likelihood.shapes import Measure, Parameters, chain_form
 from .model import Row
-from .scaling import Moments, sum_by
+from .scaling import Moments
 from .story import Story
 
 _ROUNDS, _STILL = 200, 1e-5  # rounds at most, and the change at which they end
@@ -127,21 +128,18 @@ def weak_prior(J: int, K: int) -> KroneckerPrior:
 
 def fit(taps: Taps, prior: KroneckerPrior | None = None) -> KroneckerPosterior:
     """Factorised posterior of `story`; without a given prior, that of the taxels is estimated."""
-    moments, (L, M), (_, J, K) = Moments.of(taps), taps.shape, taps.samples.shape
-    known, own = prior, taps.where * M + taps.what
+    residuals, (L, M), (_, J, K) = _Residuals(taps, Moments.of(taps)), taps.shape, taps.samples.shape
+    count, known = residuals.moments.taps, prior
     prior = known or weak_prior(J, K)
-    rows, group, freedom = _rows(moments, moments.residual(taps), own, prior.strength)
+    freedom = count.ravel() if prior.strength else np.maximum(count.ravel() - 1, 0.0)
     time_freedom = prior.time_freedom + K * float(freedom.sum())
     time = np.eye(J)
     taxel_scale, taxel_freedom = np.broadcast_to(prior.taxel_scale, (L * M, K, K)), prior.taxel_freedom + J * freedom
     time_scale, shape, change, rounds = prior.time_scale, time, np.inf, 0
     while change > _STILL and rounds < _ROUNDS:
-        white = _whitened(time, rows)
-        squares = sum_by(group, white.swapaxes(1, 2) @ white, L * M)
-        taxel_scale, taxel_freedom = prior.taxel_scale + squares, prior.taxel_freedom + J * freedom
+        taxel_scale, taxel_freedom = residuals.across_taxels(prior, time), prior.taxel_freedom + J * freedom
         root = np.linalg.cholesky(np.linalg.inv(taxel_scale) * taxel_freedom[:, None, None])
-        mixed = (rows @ root[group]).swapaxes(0, 1).reshape(J, -1)
-        time_scale = prior.time_scale + mixed @ mixed.T
+        time_scale = residuals.in_time(prior, root)
         time = time_scale / time_freedom
         # A factor taken from one covariance and given to the other changes next to nothing and drifts on for long.
         before, shape = shape, time * (J / np.trace(time))
@@ -149,14 +147,13 @@ def fit(taps: Taps, prior: KroneckerPrior | None = None) -> KroneckerPosterior:
         change, rounds = float(np.abs((shape - before) / np.outer(deviation, deviation)).max()), rounds + 1
         if known is None and rounds <= _SETTLING:
             prior = _estimated(prior, taxel_scale[freedom > 0], taxel_freedom[freedom > 0])
-    count = moments.taps
     share = count / np.maximum(count + prior.strength, 1e-300)
     return KroneckerPosterior(
         time_freedom,
         time_scale,
         taxel_freedom.reshape(L, M),
         taxel_scale.reshape(L, M, K, K),
-        share[..., None, None] * moments.mean,
+        share[..., None, None] * residuals.moments.mean,
         count + prior.strength,
         prior,
         rounds,
@@ -181,12 +178,13 @@ def _estimated(prior: KroneckerPrior, scale: NDArray[np.float64], freedom: NDArr
     log_precision = psi(0.5 * (freedom[:, None] - np.arange(K))).sum(axis=1) + K * np.log(2) - _log_det(scale)
     gap = float(log_precision.mean() + _log_det(covariance))
 
-    def loss(log_freedom: float) -> float:
-        nu = float(np.exp(log_freedom))
-        return 0.5 * nu * (K - gap - K * np.log(0.5 * nu)) + multigammaln(0.5 * nu, K)
+    def slope(log_freedom: float) -> float:  # of the log density, which has one mode
+        half = 0.5 * float(np.exp(log_freedom))
+        return float(gap + K * np.log(half) - psi(half - 0.5 * np.arange(K)).sum())
 
-    bounds = np.log(K + 2.0), np.log(_MOST_FREEDOM)
-    nu = float(np.exp(minimize_scalar(loss, bounds=bounds, method="bounded").x))  # pyright: ignore[reportAttributeAccessIssue]
+    low, high = np.log(K + 2.0), np.log(_MOST_FREEDOM)
+    mode: Any = low if slope(low) < 0 else high if slope(high) > 0 else brentq(slope, low, high)
+    nu = float(np.exp(mode))
     return prior._replace(taxel_freedom=nu, taxel_scale=nu * covariance)
 
 
@@ -194,24 +192,67 @@ def _log_det(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.linalg.slogdet(matrices)[1]
 
 
-def _rows(
-    moments: Moments, residual: NDArray[np.float64], own: NDArray[np.intp], strength: float
-) -> tuple[NDArray[np.float64], NDArray[np.intp], NDArray[np.float64]]:
-    """Residual matrices (n, J, K), their classes, and the degrees of freedom."""
-    count = moments.taps.ravel()
-    if not strength:
-        return residual, own, np.maximum(count - 1, 0.0)
-    mean = moments.mean.reshape(-1, *moments.mean.shape[2:])
-    extra = np.sqrt(strength * count / (strength + count))[:, None, None] * mean
-    return np.concatenate([residual, extra]), np.concatenate([own, np.arange(len(count))]), count
+class _Residuals(NamedTuple):
+    """Residual matrices (J, K) of all taps, and of the means from the one that the prior expects.
+
+    Attributes:
+        taps: The taps.
+        moments: Of the taps.
+    """
+
+    taps: Taps
+    moments: Moments
+
+    def across_taxels(self, prior: KroneckerPrior, time: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Expected sums of squares across taxels given the covariance in time, shape (L M, K, K)."""
+        root = np.linalg.cholesky(time)
+
+        def squares(rows: NDArray[np.float64], own: NDArray[np.intp]) -> list[tuple[int, NDArray[np.float64]]]:
+            n, J, K = rows.shape
+            flat = rows.swapaxes(0, 1).reshape(J, n * K)
+            white = solve_triangular(root, flat, lower=True, overwrite_b=True, check_finite=False).reshape(J, n, K)
+            parts = ((c, white[:, members].reshape(-1, K)) for c, members in _by_class(own))
+            return [(c, part.T @ part) for c, part in parts]
+
+        total = np.tile(prior.taxel_scale, (self.moments.taps.size, 1, 1))
+        for found in self._over_blocks(squares, prior.strength):
+            for c, square in found:
+                total[c] += square
+        return total
+
+    def in_time(self, prior: KroneckerPrior, root: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Expected sums of squares in time given roots of the taxel precisions (L M, K, K), shape (J, J)."""
+
+        def squares(rows: NDArray[np.float64], own: NDArray[np.intp]) -> NDArray[np.float64]:
+            mixed = np.empty((rows.shape[1], len(rows), rows.shape[2]))
+            for c, members in _by_class(own):
+                mixed[:, members] = (rows[members] @ root[c]).swapaxes(0, 1)
+            flat = mixed.reshape(len(mixed), -1)
+            return flat @ flat.T
+
+        total = prior.time_scale.copy()
+        for square in self._over_blocks(squares, prior.strength):
+            total += square
+        return total
+
+    def _over_blocks[T](
+        self, work: Callable[[NDArray[np.float64], NDArray[np.intp]], T], strength: float
+    ) -> Iterator[T]:
+        """Results of work on residuals (n, J, K) and their classes (n,), in order."""
+        taps, moments = self
+        own = taps.where * taps.shape[1] + taps.what
+        yield from taps.over_blocks(lambda block, which: work(moments.residual(taps, block, which), own[which]))
+        if strength:  # the prior of a mean is a residual more
+            weight = np.sqrt(strength * moments.taps / (strength + moments.taps))
+            extra = weight[..., None, None] * moments.mean
+            yield work(extra.reshape(-1, *extra.shape[2:]), np.arange(weight.size))
 
 
-def _whitened(time: NDArray[np.float64], rows: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rows (n, J, K) times the inverse Cholesky factor of a covariance in time."""
-    n, J, K = rows.shape
-    flat = rows.swapaxes(0, 1).reshape(J, n * K)
-    white = solve_triangular(np.linalg.cholesky(time), flat, lower=True)
-    return np.ascontiguousarray(white.reshape(J, n, K).swapaxes(0, 1))
+def _by_class(own: NDArray[np.intp]) -> Iterator[tuple[int, NDArray[np.intp]]]:
+    """Each class that taps are of, and the indices of these."""
+    order = np.argsort(own, kind="stable")
+    for members in np.split(order, np.flatnonzero(np.diff(own[order])) + 1):
+        yield int(own[members[0]]), members
 
 
 def _inverse_wishart(

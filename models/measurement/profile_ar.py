@@ -106,8 +106,8 @@ class Series(NamedTuple):
         """Statistics of training taps."""
         moments = Moments.of(taps)
 
-        def products(_: NDArray[np.float64], which: slice) -> NDArray[np.float64]:
-            residual = moments.residual(taps, which)
+        def products(block: NDArray[np.float64], which: Any) -> NDArray[np.float64]:
+            residual = moments.residual(taps, block, which)
             product = np.zeros_like(residual)
             product[:, 1:] = residual[:, 1:] * residual[:, :-1]
             return product

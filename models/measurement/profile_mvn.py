@@ -152,8 +152,8 @@ def _uncertain(root: NDArray[np.float64], scatter: NDArray[np.float64]) -> NDArr
 def _scatter(moments: Moments, taps: Taps) -> NDArray[np.float64]:
     """Scatter of residuals across taxels, summed per class, shape (L, M, J, K, K)."""
     scatter = np.zeros((*moments.mean.shape, taps.samples.shape[2]))
-    for which in taps.over_blocks(lambda _, which: which):
-        residual, where, what = moments.residual(taps, which), taps.where[which], taps.what[which]
+    for residual, which in taps.over_blocks(lambda block, which: (moments.residual(taps, block, which), which)):
+        where, what = taps.where[which], taps.what[which]
         for l, m in np.unique(np.stack((where, what), axis=1), axis=0):
             members = residual[(where == l) & (what == m)].swapaxes(0, 1)
             scatter[l, m] += members.swapaxes(1, 2) @ members

@@ -82,9 +82,9 @@ class Moments(NamedTuple):
 
         return moments._replace(square=class_sums(taps, squares))
 
-    def residual(self, taps: Taps, which: slice = slice(None)) -> NDArray[np.float64]:
-        """Deviations of taps from the means of their classes, shape (n, J, K)."""
-        return np.asarray(taps.samples[which]) - self.mean[taps.where[which], taps.what[which]]
+    def residual(self, taps: Taps, block: NDArray[np.float64], which: slice) -> NDArray[np.float64]:
+        """Deviations of a block of taps from the means of their classes, shape (n, J, K)."""
+        return block - self.mean[taps.where[which], taps.what[which]]
 
     def pooled(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Number, mean and sum of squares of the samples of all times, broadcast over (L, M, 1, K)."""

@@ -1,6 +1,7 @@
 """Recordings that stay on disk: the same results as from memory, whatever the size of the blocks."""
 
 import re
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -99,6 +100,33 @@ def test_sums_of_blocks_make_the_same_model(on_disk, given_prior, make_taps, nam
     expected = fitted(taps, name)
 
     same_arrays(fitted(on_disk(taps), name), expected, 1e-12)
+
+
+def test_both_covariances_are_found_in_blocks(on_disk, make_taps):
+    """Every round of the ascent goes through all taps, twice; sums differ by rounding."""
+    taps = make_taps(repeats=2)
+    taps = taps.select(np.random.default_rng(3).permutation(len(taps)))
+    expected = fitted(taps, "matrix-normal")
+
+    same_arrays(fitted(on_disk(taps), "matrix-normal"), expected, 1e-9)
+
+
+@pytest.mark.parametrize("name", ["matrix-normal"])
+def test_a_fit_holds_few_blocks_at_a_time(make_taps, tmp_path, monkeypatch, name):
+    """Peak memory is a fraction of the recording."""
+    taps = make_taps(repeats=20, J=50, K=20)
+    taps.save(tmp_path / "taps.nc")
+    size = taps.samples.nbytes
+    monkeypatch.setattr(storage, "ON_DISK", 0)
+    monkeypatch.setattr(blocks, "BLOCK", size // 50)
+    large = TapSet.load(tmp_path / "taps.nc")
+    fitted(large.select(slice(0, 48)), name)  # imports and compiled programs
+
+    tracemalloc.start()
+    fitted(large, name)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < size / 2
 
 
 def test_a_large_recording_has_nearly_the_same_prior(on_disk, make_taps):
