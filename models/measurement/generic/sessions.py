@@ -15,8 +15,8 @@ from numpyro.handlers import seed, trace
 from numpyro.primitives import Messenger
 
 from ..fits.posterior import Convergence, Posterior
-from ..fits.present import peeled
 from ..likelihood.shapes import Parameters
+from .quantiles import at_quantiles
 from .runs import Program, key_from
 
 
@@ -37,20 +37,11 @@ class _Known(Messenger):
         values = jnp.asarray(self._latents[name])
         if name in self._axes:
             axis = self._axes[name]
-            drawn = _at_quantile(msg["fn"], self._quantiles[name]) if name in self._quantiles else None
+            drawn = at_quantiles(msg["fn"], self._quantiles[name]) if name in self._quantiles else None
             if drawn is None:
                 drawn = msg["fn"](rng_key=msg["kwargs"]["rng_key"], sample_shape=())
             values = jnp.concatenate([values, jax.lax.slice_in_dim(drawn, -1, None, axis=axis)], axis=axis)
         msg["value"] = values
-
-
-def _at_quantile(distribution: Any, quantile: NDArray[np.float64]) -> jax.Array | None:
-    """Values of independent variables at their quantiles, one for each; `None` where NumPyro has no quantiles."""
-    base = peeled(distribution)
-    try:
-        return jnp.broadcast_to(base.icdf(jnp.broadcast_to(quantile, distribution.shape())), distribution.shape())
-    except (NotImplementedError, ImportError):  # ImportError for those that need another package
-        return None
 
 
 class InNewSessions(NamedTuple):
@@ -97,8 +88,8 @@ def in_new_sessions(
 ) -> Iterator[dict[str, NDArray[np.float64]]]:
     """Latent variables with one session more each, which together stand for its prior given the others.
 
-    Sessions are at the points of a scrambled Sobol sequence where NumPyro has quantiles of the prior, which fills it
-    more evenly than independent draws.
+    Sessions are at the points of a scrambled Sobol sequence where the prior has quantiles (see `quantiles`), which fill
+    it more evenly than independent draws.
 
     Args:
         program: The model.
