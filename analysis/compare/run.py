@@ -18,7 +18,7 @@ from ...models.measurement.fits.portable import PortableFit
 from ...models.measurement.generic.source import all_registered, take_over
 from ...models.measurement.likelihood.bins import bin_edges
 from ...models.measurement.model import Fitted
-from ...models.measurement.registry import split_name, suited
+from ...models.measurement.registry import check_states, split_name, suited
 from ...models.progress import Progress, ShownHere
 from ...models.settings import FitSettings, PlaySettings
 from ...models.taps import TapSet
@@ -121,6 +121,8 @@ def compare_models(
     """
     _check(settings)
     clock = StageClock(progress)
+    for name in settings.models:
+        check_states(name, train, grid)
     edges = _edges(train, grid, settings.fit)
     fit = settings.fit.changed(edges=edges, bins=edges.shape[-1] - 1)
     each = ONE_BY_ONE if crew is None else crew

@@ -141,6 +141,27 @@ def row(name: str) -> "Row":
     return import_module(".shared_gain", __package__).ROW if in_states else measurement_model(kind).row
 
 
+def check_states(name: str, taps: "TapSet", grid: "ClassGrid") -> None:
+    """Checks that a name with `session:` is that of a model without latent variables of sessions.
+
+    Args:
+        name: Name of the model.
+        taps: Training taps.
+        grid: The classes.
+
+    Raises:
+        InputError: The model has some, or is unknown.
+    """
+    kind, in_states = split_name(name)
+    story = measurement_model(kind) if in_states and kind not in KINDS else None
+    own: Any = story and story.sessions_of(taps, grid)
+    if own:
+        raise InputError(
+            f"{kind} has latent variables of sessions ({', '.join(own)}), which take the place of session:; name it "
+            "without."
+        )
+
+
 def fit_model(
     name: str,
     taps: "TapSet",
@@ -164,6 +185,7 @@ def fit_model(
         NotConvergedError: The fit did not converge, and `unconverged` is not set.
     """
     kind, in_states = split_name(name)
+    check_states(name, taps, grid)
     settings = _checked(settings, taps)
     with one_blas_thread():
         fitted = measurement_model(kind).fit(taps, grid, settings, trained_on, progress)

@@ -40,12 +40,8 @@ def with_shared_gain(
         offset_sd: Standard deviation of the offset between sessions, likewise.
 
     Raises:
-        InputError: A standard deviation is negative or not finite, or the model has latent variables of sessions.
+        InputError: A standard deviation is negative or not finite.
     """
-    if len(fitted.model.states.gain) > 1:
-        raise InputError(
-            f"{fitted.model.name} has latent variables of sessions, which take the place of session:; fit it without."
-        )
     model: Any = fitted.model  # every kind is a dataclass
     found = session_spread(taps, grid, model.edges)
     states = state_grid(found[0] if gain_sd is None else gain_sd, found[1] if offset_sd is None else offset_sd)

@@ -110,6 +110,14 @@ def test_a_fit_shows_its_steps_and_leaves_nothing_when_it_is_interrupted(run, mo
         (f"tune session-0.nc --model none.py:walk --out a.json {CHOSEN}", "none.py: no such file"),
         (f"audit session-0.nc session-1.nc --models none.py:walk --out a {CHOSEN}", "none.py: no such file"),
         ("compare session-0.nc session-1.nc --models gaussian,my_models.py:wlak", "my_models.py: no function 'wlak'"),
+        (
+            "fit session-0.nc --model session:my_models.py:shifted --out a.nc",
+            "my_models.py:shifted has latent variables of sessions (shift)",
+        ),
+        (
+            "compare session-0.nc session-1.nc --models gaussian,session:my_models.py:shifted --draws 0 --out a",
+            "my_models.py:shifted has latent variables of sessions (shift)",
+        ),
         ("fit session-0.nc --model gaussian --fit svi --out a.nc", "--fit svi"),
         ("fit session-0.nc --model gaussian --steps 900 --out a.nc", "--steps"),
         (

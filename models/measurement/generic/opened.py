@@ -57,9 +57,10 @@ def read_generic(
             f"changed since. {_WORKS if 'table' in data else 'Name the right one, or fit again.'}"
         )
     if "table" not in data or common["draws"]:
+        place = attributes.get("place", "") or "FILE.py:FUNCTION, if it is in a file"
         raise StoryError(
-            f"this fit needs the code of {name}, which opening a file does not run; name it with --story {name}, in "
-            "Python load_model(path, story=...)."
+            f"this fit needs the code of {name}, which opening a file does not run; name it in Python with "
+            f"load_model(path, story=...), or with --story {place}."
         )
     table, covered = data["table"].values, data["covered"].values.astype(bool)
     if (wrong := np.isnan(table).any(axis=(2, 3)) & covered).any():

@@ -134,5 +134,16 @@ def digest(story: StoryFunction) -> str:
     return _digest(b"\0".join([name, *given, function.__code__.co_code + repr(function.__code__.co_consts).encode()]))
 
 
+def place(story: StoryFunction) -> str:
+    """Where commands find a generative model: FILE.py:FUNCTION or a name of a package; empty if unknown."""
+    if _FORM.fullmatch(story.name) or entry_points(group=GROUP, name=story.name):
+        return story.name
+    function, name = story.function, getattr(story.code, "__qualname__", "")
+    file = inspect.getsourcefile(story.code)
+    if isinstance(function, partial) or file is None or not (Path(file).is_file() and name.isidentifier()):
+        return ""
+    return f"{Path(file).name}:{name}"
+
+
 def _digest(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()

@@ -58,6 +58,17 @@ class GenericStory:
         """Its own first sentence."""
         return Row("as its author says", self.function.sentence)
 
+    def sessions_of(self, taps: "TapSet", grid: "ClassGrid") -> tuple[str, ...]:
+        """Names of its latent variables of sessions.
+
+        Raises:
+            InputError: The function does not keep the contract or fails.
+        """
+        from .structure import structure_of
+
+        batch = batch_of(grid, taps.preprocessing, taps.dataset.sizes["taxel"])
+        return tuple(structure_of(self.function, batch, len(np.unique(taps.session))).by_session)
+
     def fit(
         self,
         taps: "TapSet",
@@ -310,6 +321,7 @@ class GenericModel(ModelOfParameters):
             "/": groups["/"].assign_attrs(
                 measure=self.measure,
                 digest=source.digest(self.story.function),
+                place=source.place(self.story.function),
                 training_sessions=np.array(self.sessions),
             ),
             "constant_data": groups["constant_data"].assign(table),

@@ -254,11 +254,15 @@ def _check_rest(story: StoryFunction, sites: dict[str, Any]) -> None:
 
 
 def _check_latent(story: StoryFunction, name: str, latent: dict[str, Any], local: bool, discrete: bool) -> None:
-    if discrete and not (local and latent["fn"].has_enumerate_support):
-        kind = "cannot be enumerated" if local else "is shared by all taps"
+    if discrete and not local:
         raise InputError(
-            f"The discrete latent variable {name!r} of {story.name} {kind}; sum it out in the model, for example by "
-            "numpyro.distributions.MixtureSameFamily."
+            f"The discrete latent variable {name!r} of {story.name} is shared by several taps; put a continuous one in "
+            "its place, such as a level whose prior is a mixture, by numpyro.distributions.MixtureSameFamily."
+        )
+    if discrete and not latent["fn"].has_enumerate_support:
+        raise InputError(
+            f"The discrete latent variable {name!r} of {story.name} cannot be enumerated; sum it out in the model, for "
+            "example by numpyro.distributions.MixtureSameFamily."
         )
     if local and not discrete:
         raise InputError(

@@ -262,7 +262,7 @@ flat = dist.ImproperUniform(dist.constraints.real, (), ())
         (taps_only("NJK", obs=lambda taps: taps**2), "must observe taps themselves"),
         (local(dist.Normal(0.0, 1.0)), "'own' of story has a value for every tap"),
         (local(dist.Poisson(2.0)), "'own' of story cannot be enumerated"),
-        (shared(dist.Bernoulli(0.5)), "'own' of story is shared by all taps"),
+        (shared(dist.Bernoulli(0.5)), "'own' of story is shared by several taps; put a continuous one"),
         (shared(flat), "'own' of story has no proper prior"),
         (shared(flat.expand([K]).to_event(1).mask(False)), "'own' of story has no proper prior"),
         (with_more_than_taps(lambda own: numpyro.factor("more", own)), "a second observed site 'more'"),

@@ -21,7 +21,7 @@ from solidtouch.models.measurement.generic.structure import structure_of
 from solidtouch.models.measurement.likelihood.bins import find_bins
 from solidtouch.models.measurement.likelihood.story_likelihood import log_likelihoods as by_story
 from solidtouch.models.measurement.likelihood.true_class import OwnTaps
-from solidtouch.models.measurement.registry import fit_model, model_name
+from solidtouch.models.measurement.registry import check_states, fit_model, model_name
 from solidtouch.models.settings import FitSettings
 
 L, M, J, K, S = 2, 2, 2, 2, 3
@@ -225,11 +225,15 @@ def test_integrated_fits_spread_new_sessions_evenly(fitted):
     np.testing.assert_array_equal(np.sort((quantiles * 32).astype(int)), np.arange(32))
 
 
-def test_a_session_has_no_gain_beside_what_it_has_already(fitted):
-    taps, _, story = fitted(shifts)
+def test_a_session_has_no_gain_beside_what_it_has_already(make_taps, monkeypatch):
+    """Which is known before the fit; the session as a covariate is no such thing."""
+    monkeypatch.setattr(fits, "check_prior", None)  # by which a fit begins
+    monkeypatch.setattr(fits, "posterior", None)
+    taps = make_taps(L, M, J, K, repeats=2)
 
-    with pytest.raises(InputError, match="story has latent variables of sessions, which take the place of session:"):
-        fit_model(f"session:{model_name(story)}", taps, taps.grid(), FitSettings(bins=9, power="none", method="map"))
+    with pytest.raises(InputError, match=r"story has latent variables of sessions \(shift\), which take the place of"):
+        fit_model(f"session:{model_name(moved_by(shifts))}", taps, taps.grid(), FitSettings(bins=9, method="map"))
+    check_states(f"session:{model_name(moved_by(trend))}", taps, taps.grid())
 
 
 def fixed(_):
@@ -258,6 +262,11 @@ def one_by_one(size):
     return jnp.stack([numpyro.sample(f"shift{s}", dist.Normal(0.0, 1.0)) for s in range(size)])
 
 
+def discrete(size):
+    with numpyro.plate("S", size):
+        return numpyro.sample("shift", dist.Bernoulli(0.5))
+
+
 def independent(size):
     return numpyro.sample("shift", dist.Normal(jnp.zeros(size), 1.0).to_event(1))
 
@@ -276,6 +285,7 @@ def structure(shift_of):
         (too_few, "'shift' of story has sessions that no new one can be added to"),
         (together, r"'shift' of story has sessions .*in a plate of size int\(session\.max\(\)\) \+ 1.*jnp\.cumsum"),
         (scanned, "'shift' of story has sessions that no new one can be added to"),
+        (discrete, r"'shift' of story is shared by several taps; put a continuous one .* whose prior is a mixture"),
         (one_by_one, "'shift1' of story has sessions that no new one can be added to"),
     ],
 )

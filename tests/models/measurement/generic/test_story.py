@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -354,6 +355,24 @@ def test_opening_a_fit_runs_no_code(in_file, taps, tmp_path, monkeypatch):
         opened.save(tmp_path / "again.nc")
     named = load_model(tmp_path / "timed.nc", f"{path}:timed")
     assert named.log_likelihood(taps.taps).shape == (len(taps), L, M)
+
+
+def test_a_fit_of_a_function_says_how_to_name_it(in_file, taps, tmp_path, monkeypatch):
+    """By its file, whatever it was registered as."""
+    path = in_file()
+    function = source.named(f"{path}:timed").function
+    registry.register(function, "off")
+    registry.register(partial(function), "partly")
+    for name in ("off", "partly"):
+        set_by_hand(name, taps).model.save(tmp_path / f"{name}.nc")
+    forget(monkeypatch, tmp_path)
+    monkeypatch.chdir(tmp_path)
+
+    with pytest.raises(InputError, match=r"the code of off, .*, or with --story my_models\.py:timed\.$"):
+        load_model("off.nc")
+    assert load_model("off.nc", "my_models.py:timed").name == "my_models.py:timed"
+    with pytest.raises(InputError, match=r"the code of partly, .*--story FILE\.py:FUNCTION, if it is in a file\.$"):
+        load_model("partly.nc")
 
 
 def test_changed_code_is_not_taken_for_that_of_the_fit(in_file, taps, tmp_path, monkeypatch):
