@@ -153,9 +153,8 @@ def check_states(name: str, taps: "TapSet", grid: "ClassGrid") -> None:
         InputError: The model has some, or is unknown.
     """
     kind, in_states = split_name(name)
-    story = measurement_model(kind) if in_states and kind not in KINDS else None
-    own: Any = story and story.sessions_of(taps, grid)
-    if own:
+    story: Any = measurement_model(kind) if in_states and kind not in KINDS else None
+    if own := story and story.sessions_of(taps, grid):
         raise InputError(
             f"{kind} has latent variables of sessions ({', '.join(own)}), which take the place of session:; name it "
             "without."
