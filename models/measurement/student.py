@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..blocks import ScaledSamples
 from .fits.posterior import Convergence, Sites, check_cells
 from .fits.priors import Taps
 from .likelihood.bins import TableForm
@@ -81,7 +82,7 @@ class StudentPosterior(NamedTuple):
 
 
 def fit(taps: Taps) -> StudentPosterior:
-    """Variational posterior of `story`."""
+    """Variational posterior of `story`; weighted samples stand for those of a large recording."""
     import jax
     import jax.numpy as jnp
     import numpyro
@@ -90,13 +91,18 @@ def fit(taps: Taps) -> StudentPosterior:
     from numpyro.infer.initialization import init_to_value
     from numpyro.optim import Adam
 
+    from .fits.condensed import condensed
     from .fits.story_parts import EvidenceBound
 
+    moments, used, more = Moments.of(taps), taps, {}
+    if isinstance(taps.samples, ScaledSamples):
+        used, weight = condensed(taps, moments)
+        more["weight"] = jnp.asarray(weight, dtype=jnp.float32)
     # Taps are arguments of the programs, so these are the same for all taps of the same sizes and found on disk.
-    told, (where, what, samples) = taps.apart(story)
+    told, (where, what, samples) = used.apart(_weighted if more else story)
     data = jnp.asarray(where), jnp.asarray(what), jnp.asarray(samples, dtype=jnp.float32)
-    given = data, {"least": jnp.asarray(taps.least)}
-    guide = AutoNormal(told, init_loc_fn=init_to_value(values=jax.tree.map(jnp.asarray, _start(taps))))
+    given = data, {"least": jnp.asarray(taps.least), **more}
+    guide = AutoNormal(told, init_loc_fn=init_to_value(values=jax.tree.map(jnp.asarray, _start(moments))))
     # In every run the rate falls to a fiftieth.
     svi = SVI(told, guide, Adam(lambda step: _RATE * 0.02 ** ((step % _STEPS) / _STEPS)), EvidenceBound())
     key, losses, change = jax.random.key(0), [], np.inf
@@ -118,9 +124,17 @@ def fit(taps: Taps) -> StudentPosterior:
     return StudentPosterior(expected, sampled, _STEPS * len(losses), change, np.concatenate(losses))
 
 
-def _start(taps: Taps) -> dict[str, NDArray[np.float64]]:
+def _weighted(*told: Any, weight: Any, **more: Any) -> None:
+    """`story` of samples that count as often as they weigh, shape (N, J, K)."""
+    from .fits.present import Weighted
+
+    with Weighted("taps", weight):
+        story(*told, **more)
+
+
+def _start(moments: Moments) -> dict[str, NDArray[np.float64]]:
     """Initial values: moments of each class and taxel."""
-    count, level, square = Moments.of(taps).pooled()
+    count, level, square = moments.pooled()
     scale = np.where(count > 0, np.sqrt(square / np.maximum(count, 1)) + 0.05, 1.0)
     return {"level": level, "scale": 0.7 * scale, "freedom": np.full(level.shape[-1], 4.0)}
 

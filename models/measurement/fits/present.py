@@ -1,4 +1,4 @@
-"""Generative models that observe only the samples that are there."""
+"""Generative models that observe only the samples that are there, or count them as often as they weigh."""
 
 from collections.abc import Callable
 from typing import Any
@@ -47,3 +47,21 @@ class Present(Messenger):
         """Masks the distribution of the samples."""
         if msg["type"] == "sample" and msg["name"] == self._site and msg["is_observed"]:
             msg["fn"] = remade(msg["fn"], peeled(msg["fn"]).mask(self._present))
+
+
+class Weighted(Messenger):
+    """Block in which each observed sample of a generative model counts as often as it weighs.
+
+    Args:
+        site: Name of the observed site.
+        weight: In the order of the site's axes.
+    """
+
+    def __init__(self, site: str, weight: Any) -> None:
+        self._site, self._weight = site, weight
+        super().__init__()
+
+    def process_message(self, msg: dict[str, Any]) -> None:
+        """Scales the log densities of the samples."""
+        if msg["type"] == "sample" and msg["name"] == self._site and msg["is_observed"]:
+            msg["scale"] = self._weight
