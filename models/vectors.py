@@ -15,7 +15,9 @@ from typing import Any
 
 from llvmlite import ir
 from numba.core import types
+from numba.core.errors import TypingError
 from numba.extending import intrinsic
+from numba.np.arrayobj import populate_array
 
 from .seeds import PER_BLOCK, philox
 
@@ -156,6 +158,22 @@ def copy(_: Any, target: Any, to: Any, source: Any, first: Any, length: Any) -> 
 
     integer = types.int64
     return types.void(target, integer, source, integer, integer), built
+
+
+@_intrinsic
+def flat(_: Any, values: Any) -> Any:
+    """The numbers of an array as a run, without the cost of `reshape`; it must not outlive the array."""
+    run = types.Array(values.dtype, 1, "C")
+    if values.layout != "C":
+        raise TypingError("The numbers of this array do not lie side by side.")
+
+    def built(context: Any, builder: Any, _: Any, given: Any) -> Any:
+        whole, made = context.make_array(values)(context, builder, given[0]), context.make_array(run)(context, builder)
+        size = whole.itemsize
+        populate_array(made, whole.data, (whole.nitems,), (size,), size, None)
+        return made._getvalue()
+
+    return run(values), built
 
 
 @_intrinsic

@@ -12,13 +12,28 @@ import numpy as np
 from ...models.compiled import compiled
 from ...models.grid import TapPool
 from ...models.seeds import HALF, LOW, PER_BLOCK, TAPS
-from ...models.vectors import BLOCKS, PART, WORDS, copy, largest, multiply_rows, random_blocks, sum_rows
+from ...models.vectors import BLOCKS, PART, WORDS, copy, flat, largest, multiply_rows, random_blocks, sum_rows
 from .records import Classes, Likelihoods, Rule, ScaledBelief, TrialPlan, Trials
-from .scaled import CIRCULAR, CLAMP, PRIOR, UNIFORM, UNIFORM_WHAT, UNIT, Floats, Integers, follow, shift_around, temper
+from .scaled import (
+    CIRCULAR,
+    CLAMP,
+    PRIOR,
+    UNIFORM,
+    UNIFORM_WHAT,
+    UNIT,
+    Floats,
+    Integers,
+    bits,
+    follow,
+    shift_around,
+    temper,
+)
 
 _LEAST_TOTAL = 2.0**-128  # of a belief; below, it is scaled up
 _FAR = 2.0**-512  # classes below it are left out
 _LEFT_OUT = 2.0**-256  # what is left out stays below it; with that total, its share is below 2^-128 per class
+_POWER_LEFT_OUT = -64.0  # power of two that a class left out adds to a total of powers at most
+_UNIT = 2.0**-UNIT
 _MOVED = 1024  # classes moved at a time, so that they stay in the first cache
 _LEAST = 2.0**-900  # of a class; products with most likelihoods stay well clear of subnormal numbers, which are slow
 
@@ -35,18 +50,14 @@ def plain(z: Floats, k: Integers, numbers: Floats) -> tuple[float, float]:
     Returns:
         The smallest number above 0, and a bound of those left out.
     """
-    least, left_out = np.inf, 0.0
-    rows, L = z.shape
-    for m in range(rows):
-        for l in range(L):
-            numbers[m, l] = z[m, l] if k[m, l] == 0 else 0.0
-            if k[m, l] == 1:
-                numbers[m, l] = math.ldexp(z[m, l], -UNIT)
-            elif k[m, l] > 1 and z[m, l] > 0:
-                left_out = _FAR
-            if numbers[m, l] > 0:
-                least = min(least, numbers[m, l])
-    return least, left_out
+    values, units, made = flat(z), flat(k), flat(numbers)
+    least, lost = bits(np.inf), np.int64(0)
+    for c in range(z.size):
+        number = values[c] * (1.0 if units[c] == 0 else _UNIT if units[c] == 1 else 0.0)
+        made[c] = number
+        least = min(least, bits(number if number > 0 else np.inf))
+        lost += np.int64(units[c] > 1 and values[c] > 0)
+    return np.int64(least).view(np.float64), _FAR if lost > 0 else 0.0
 
 
 @compiled
@@ -141,6 +152,7 @@ def play(
     zeros, old_z, old_k = np.zeros((hypotheses, L), np.int64), np.empty(L), np.empty(L, np.int64)
     where, what, sums = np.zeros(L + PART), np.empty(hypotheses), np.empty(L)
     room = np.empty(3 * L * min(hypotheses, max(1, _MOVED // L)))
+    powers = np.empty((hypotheses, L))
     likelihood, least_of, wide, thresholds = table.plain, table.least, table.wide, rule.thresholds
     taps, moves = np.empty((2, rule.deadline + 1), np.int64)
     words = np.empty(WORDS, np.uint64)
@@ -204,7 +216,10 @@ def play(
             total = multiply_rows(belief, likelihood, index * hypotheses * L, hypotheses, L, what)
             if wide[index]:
                 left_out = max(left_out, _FAR)
-            if total < _LEAST_TOTAL or least < _LEAST or known > saturation:
+            most_left_out = np.inf
+            if known > saturation:
+                most_left_out = total * 2.0 ** (_POWER_LEFT_OUT * known / saturation)
+            if total < _LEAST_TOTAL or least < _LEAST or left_out > most_left_out:
                 scale = 1.0
                 if 0 < total < _LEAST_TOTAL:
                     scale = math.ldexp(1.0, -math.frexp(total)[1])
@@ -234,7 +249,10 @@ def play(
                 total = multiply_rows(belief, ones, 0, hypotheses, L, what)
             read = total
             if known > saturation:
-                read = temper(z, k, total, saturation / known, where, what)
+                if since == 0:
+                    read = temper(z, k, total, saturation / known, ones, powers, where, what)
+                else:
+                    read = temper(belief, zeros, total, saturation / known, ones, powers, where, what)
 
             for s in range(1, states):
                 for m in range(M):

@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...models.compiled import compiled
+from ...models.elementary import LEAST, exponential, logarithm
+from ...models.vectors import flat, multiply_rows, sum_rows
 from .records import Classes, Likelihoods
 
 type Floats = NDArray[np.float64]
@@ -25,11 +27,19 @@ type Flags = NDArray[np.bool_]
 UNIT = 256
 _DOWN, _UP = 2.0**-UNIT, 2.0**UNIT
 _LOG_UNIT = UNIT * math.log(2.0)
+_SMALLEST = float(np.finfo(np.float64).tiny)
+_NEVER = int(np.float64(np.inf).view(np.int64))
 _NOTHING = 8  # units between two numbers of which the smaller one adds nothing
 _LEAST_TOTAL = 2.0**-128  # classes of the next k are smaller than this in proportion
 
 UNIFORM, UNIFORM_WHAT, PRIOR, CLAMP, CIRCULAR = range(5)
 """Borders, in the order of `reference.BORDERS`."""
+
+
+@compiled
+def bits(number: float) -> np.int64:
+    """A number of 0 or more as an integer, which is the larger the larger the number is."""
+    return np.float64(number).view(np.int64)
 
 
 @compiled
@@ -64,14 +74,25 @@ def multiply(z: Floats, on: Floats, row: Floats, where: Floats, what: Floats) ->
 
 
 @compiled
-def temper(z: Floats, k: Integers, total: float, share: float, where: Floats, what: Floats) -> float:
+def temper(
+    z: Floats,
+    k: Integers,
+    total: float,
+    share: float,
+    ones: Floats,
+    powers: Floats,
+    where: Floats,
+    what: Floats,
+) -> float:
     """Sums the marginals of a belief to the power `share`, not normalised; the belief is unchanged.
 
     Args:
-        z: Belief.
+        z: Belief, no number of it subnormal.
         k: Its units.
         total: Total of the belief.
         share: The power, above 0.
+        ones: Ones of the same shape.
+        powers: Receives the powers.
         where: Receives the marginal over what, shape (L,).
         what: Receives the marginal over where, one number per row.
 
@@ -80,19 +101,13 @@ def temper(z: Floats, k: Integers, total: float, share: float, where: Floats, wh
     """
     M, L = z.shape
     log_total = math.log(total)
-    for l in range(L):
-        where[l] = 0.0
-    sum_ = 0.0
-    for m in range(M):
-        partial = 0.0
-        for l in range(L):
-            if z[m, l] > 0:
-                value = math.exp(share * (math.log(z[m, l]) - log_total - k[m, l] * _LOG_UNIT))
-                where[l] += value
-                partial += value
-        what[m] = partial
-        sum_ += partial
-    return sum_
+    numbers, units, raised = flat(z), flat(k), flat(powers)
+    for c in range(z.size):
+        depth = log_total + np.float64(np.int32(units[c])) * _LOG_UNIT
+        power = share * (logarithm(max(numbers[c], _SMALLEST)) - depth)
+        raised[c] = exponential(max(power, LEAST)) if numbers[c] > 0 else 0.0
+    sum_rows(powers, 0, M, L, where)
+    return multiply_rows(powers, ones, 0, M, L, what)
 
 
 @compiled
@@ -102,43 +117,35 @@ def settle(z: Floats, k: Integers, on: Floats) -> float:
     Returns:
         The smallest z above 0; 0 if every class is impossible.
     """
-    M, L = z.shape
-    top = np.iinfo(np.int64).max
-    for m in range(M):
-        for l in range(L):
-            if z[m, l] > 0:
-                while z[m, l] < _DOWN:
-                    z[m, l] *= _UP
-                    k[m, l] += 1
-                while z[m, l] >= 1:
-                    z[m, l] *= _DOWN
-                    k[m, l] -= 1
-                top = min(top, k[m, l])
+    C = z.size
+    numbers, units, flags = flat(z), flat(k), flat(on)
+    unsettled = 1
+    while unsettled > 0:  # loops without branches become vector instructions
+        unsettled = 0
+        for c in range(C):
+            up, down = np.int64(0 < numbers[c] < _DOWN), np.int64(numbers[c] >= 1)
+            numbers[c] *= _UP if up else _DOWN if down else 1.0
+            units[c] += up - down
+            unsettled += up + down
+    top = _NEVER
+    for c in range(C):
+        top = min(top, units[c] if numbers[c] > 0 else _NEVER)
     total = 0.0
-    for m in range(M):
-        for l in range(L):
-            if k[m, l] == top:
-                total += z[m, l]
+    for c in range(C):
+        total += numbers[c] if units[c] == top else 0.0
     if total == 0:
         return 0.0
     scale = math.ldexp(1.0, -math.frexp(total)[1])
-    least = np.inf
-    for m in range(M):
-        for l in range(L):
-            value = z[m, l] * scale
-            unit = k[m, l] - top
-            if value > 0:
-                if value < _DOWN:
-                    value *= _UP
-                    unit += 1
-                elif value >= 1 and unit > 0:
-                    value *= _DOWN
-                    unit -= 1
-                least = min(least, value)
-            z[m, l] = value
-            k[m, l] = unit
-            on[m, l] = 1.0 if unit == 0 else 0.0
-    return least
+    least = _NEVER
+    for c in range(C):
+        value, unit = numbers[c] * scale, units[c] - top
+        up, down = np.int64(0 < value < _DOWN), np.int64(value >= 1 and unit > 0)
+        value *= _UP if up else _DOWN if down else 1.0
+        unit += up - down
+        least = min(least, bits(value) if value > 0 else _NEVER)
+        numbers[c], units[c] = value, unit
+        flags[c] = 1.0 if unit == 0 else 0.0
+    return np.int64(least).view(np.float64)
 
 
 @compiled

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numba.core.errors import TypingError
 from solidtouch.models import seeds, vectors
 from solidtouch.models.compiled import compiled
 
@@ -29,6 +30,13 @@ def largest(values, length):
 @compiled
 def copy(target, to, source, first, length):
     vectors.copy(target, to, source, first, length)
+
+
+@compiled
+def negate(values):
+    run = vectors.flat(values)
+    for i in range(len(run)):
+        run[i] = -run[i]
 
 
 @compiled
@@ -78,6 +86,17 @@ def test_a_run_is_copied_and_nothing_beside_it(rng, length):
     copy(target, 2, source, 3, length)
 
     np.testing.assert_array_equal(target, [0, 0, *source[3:], 0, 0, 0])
+
+
+def test_a_run_is_the_array_itself(rng):
+    values = rng.normal(size=(3, 4, 2))
+    expected = -values
+
+    negate(values)
+
+    np.testing.assert_array_equal(values, expected)
+    with pytest.raises(TypingError, match="side by side"):
+        negate(values.T)
 
 
 @given(first=st.integers(0, 2**20), others=st.tuples(*[WORD] * 5))

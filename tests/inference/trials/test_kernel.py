@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from solidtouch.inference import reference
 from solidtouch.inference.engines.compiled import likelihoods, scaled_belief
+from solidtouch.inference.filter import share, temper
 from solidtouch.inference.reference import BORDERS, ZeroEvidenceError
 from solidtouch.inference.trials import scaled
 from solidtouch.inference.trials.records import TapTable, TrialPlan, trial_uniforms
@@ -64,7 +65,7 @@ class Trial:
                 log_belief, _ = reference.update_log(log_belief, table.log_likelihood[index])
             except ZeroEvidenceError:
                 none_left = True
-            belief = np.exp(log_belief)
+            belief = np.exp(temper(log_belief, share(tap + 1 - none_left, table.saturation)))
             where_marginal, what_marginal = reference.where_marginal(belief), reference.what_marginal(belief)
             self.margins.append(
                 min([margin(what_marginal, theta) for theta in open_] + [margin(where_marginal, theta_x)])
@@ -120,17 +121,30 @@ def assert_same(table, plan, thresholds, theta_x, border, deadline, seed, tolera
     border=st.sampled_from(BORDERS),
     theta_x=st.sampled_from([0.0, 0.0, 0.4, 0.9, 1.0]),
     deadline=st.integers(1, 60),
+    saturation=st.sampled_from([np.inf, np.inf, 0.5, 2.0, 10.0]),
     seed=st.integers(0, 2**32 - 1),
 )
 def test_trials_of_any_size_and_depth_are_those_of_the_reference(
-    L, M, depth, impossible, empty, border, theta_x, deadline, seed
+    L, M, depth, impossible, empty, border, theta_x, deadline, saturation, seed
 ):
     """Depths reach ten thousand nats between neighbouring classes, far below what a floating-point number holds."""
     rng = np.random.default_rng(seed)
     table = random_table(rng, L, M, depth, impossible, int(rng.integers(1, 30)), empty)
+    table = table._replace(saturation=saturation)
     plan = random_plan(rng, table, 5)
     thresholds = (0.3, 0.9, 1.0, 0.999)
     assert_same(table, plan, thresholds, theta_x, border, deadline, seed)
+
+
+@pytest.mark.parametrize("saturation", [0.3, 1.5])
+@pytest.mark.parametrize("depth", [20.0, 60.0])
+def test_beliefs_to_a_power_count_the_smallest_classes(depth, saturation):
+    """Evidence of many taps leaves classes e^-500 apart, which a power of a thirtieth brings close again."""
+    rng = np.random.default_rng(8)
+    table = random_table(rng, 6, 3, depth, 0.0, 20)._replace(saturation=saturation)
+    plan = random_plan(rng, table, 5)
+    for deadline in range(2, 40, 3):
+        assert assert_same(table, plan, (1.0,), 0.4, "uniform", deadline, seed=deadline) == 0
 
 
 def fresh_trial(table, where, what, fixation, stream, thresholds, theta_x, border, deadline, seed):
