@@ -26,6 +26,7 @@ from ...models.progress import ShownHere, silent
 from ...models.taps import TapSet
 from ...models.threads import cores, in_order
 from ..tasks.crew import ONE_BY_ONE, Crew
+from . import check_loops as loops
 from .evidence import halves, rivals
 
 REPLICATES = 20
@@ -91,37 +92,42 @@ class BinnedTaps(NamedTuple):
 
     Attributes:
         labels: Of the taps.
-        cell: Bin b of each sample of taxel k as k B + b, shape (N, J, K).
+        cell: Bin b of each sample of taxel k as k B + b, shape (N, J K).
         edges: Of the bins, shape (K, B + 1).
         mean: Mean tap of each class, shape (C, J, K).
         residual: Shape (N, J, K).
+        square: Sum of its squares over the taps of each class, shape (C, J, K).
     """
 
     labels: TapLabels
-    cell: NDArray[np.intp]
+    cell: NDArray[np.uint32]
     edges: NDArray[np.float64]
     mean: NDArray[np.float64]
     residual: NDArray[np.float64]
+    square: NDArray[np.float64]
 
     @classmethod
     def of(cls, labels: TapLabels, bins: NDArray[np.integer], edges: NDArray[np.float64]) -> Self:
         """Those of taps in the order of the labels, by the bins of their samples, shape (N, J, K)."""
-        K, B = bins.shape[2], edges.shape[-1] - 1
+        (N, J, K), B, C = bins.shape, edges.shape[-1] - 1, len(labels.classes) - 1
         edges = np.broadcast_to(edges, (K, B + 1))
         centre = (0.5 * (edges[:, :-1] + edges[:, 1:])).ravel()
-        cell = bins + np.arange(K) * B
-        mean = np.empty((len(labels.classes) - 1, *bins.shape[1:]))
+        cell = (bins + (np.arange(K) * B).astype(bins.dtype)).astype(np.uint32, copy=False).reshape(N, J * K)
+        mean, square = np.empty((2, C, J, K))
         residual = np.empty(bins.shape)
-        for c, own in enumerate(labels.each()):
-            values = centre[cell[own]]
-            values.mean(axis=0, out=mean[c])
-            np.subtract(values, mean[c], out=residual[own])
-        return cls(labels, cell, edges, mean, residual)
+        rows = (each.reshape(len(each), -1) for each in (mean, residual, square))
+        loops.leave_means(cell, centre, labels.classes, *rows)
+        return cls(labels, cell, edges, mean, residual, square)
+
+    @property
+    def rows(self) -> NDArray[np.float64]:
+        """Residuals with each tap as a row, shape (N, J K)."""
+        return self.residual.reshape(len(self.residual), -1)
 
     @property
     def variance(self) -> NDArray[np.float64]:
         """Mean square of the residuals of each taxel, shape (K,); 0 where there is rounding only."""
-        square = np.einsum("njk,njk->k", self.residual, self.residual) / max(self.residual[..., 0].size, 1)
+        square = self.square.sum(axis=(0, 1)) / max(self.residual[..., 0].size, 1)
         return np.where(square > (_DEAD * np.ptp(self.edges)) ** 2, square, 0.0)
 
 
@@ -149,8 +155,8 @@ def _profile_share(cells: BinnedTaps) -> float:
 
 def _lag_one(cells: BinnedTaps) -> float:
     """Autocorrelation of neighbouring samples' residuals."""
-    first, second = cells.residual[:, :-1], cells.residual[:, 1:]
-    return _ratio(_product(first, second), np.sqrt(_product(first, first) * _product(second, second)))
+    product, former, latter = loops.neighbours(cells.rows, len(cells.edges))
+    return _ratio(product, np.sqrt(former * latter))
 
 
 def _taxel_correlation(cells: BinnedTaps) -> float:
@@ -162,25 +168,14 @@ def _taxel_correlation(cells: BinnedTaps) -> float:
 
 def _rank_correlation(cells: BinnedTaps) -> float:
     """Mean absolute rank correlation of two taxels at the same time, within classes and sessions."""
-    (_, J, K), B = cells.cell.shape, cells.edges.shape[1] - 1
+    (N, J, K), first = cells.residual.shape, np.append(cells.labels.sessions, len(cells.cell))
     times = np.unique(np.linspace(0, J - 1, min(J, _RANKED)).round().astype(np.intp))
-    product, weight = np.zeros((K, K)), np.zeros((K, K))
-    for start, end in zip(cells.labels.sessions, np.append(cells.labels.sessions[1:], len(cells.cell)), strict=True):
-        rank = _ranks(cells.cell[start:end, times], K * B)
-        length = np.sqrt((rank**2).sum(axis=0))
-        varies = (length > 0).astype(np.float64)
-        unit = (rank / np.where(length > 0, length, 1.0)).reshape(-1, K)
-        product += (end - start) * (unit.T @ unit)
-        weight += (end - start) * (varies.T @ varies)
-    return _mean_absolute(product / np.maximum(weight, 1.0), np.ones(K), weight > 0)
-
-
-def _ranks(cell: NDArray[np.intp], cells: int) -> NDArray[np.float64]:
-    """Ranks along the first axis of (n, times, K) less their mean; equal values share one."""
-    index = cell + np.arange(cell.shape[1])[:, None] * cells
-    count = np.bincount(index.ravel(), minlength=cell.shape[1] * cells).reshape(cell.shape[1] * cell.shape[2], -1)
-    upto = count.cumsum(axis=1)
-    return (upto - 0.5 * count).ravel()[index] - 0.5 * len(cell)
+    places = (times[:, None] * K + np.arange(K)).ravel()
+    units, varies = np.empty((N, len(places))), np.empty((len(first) - 1, len(places)))
+    loops.ranks(cells.cell, places, first, np.zeros(K * (cells.edges.shape[1] - 1), dtype=np.int64), units, varies)
+    units, weighted = units.reshape(-1, K), varies * np.diff(first)[:, None]
+    weight = weighted.reshape(-1, K).T @ varies.reshape(-1, K)
+    return _mean_absolute(units.T @ units / np.maximum(weight, 1.0), np.ones(K), weight > 0)
 
 
 def _strength(cells: BinnedTaps) -> float:
@@ -192,7 +187,7 @@ def _strength(cells: BinnedTaps) -> float:
         if power[c] > 0:
             product = cells.residual[own].reshape(-1, mean.shape[1]) @ mean[c]
             explained += float(product @ product) / power[c]
-    return _ratio(explained, _product(cells.residual, cells.residual))
+    return _ratio(explained, float(cells.square.sum()))
 
 
 def _design_effect(cells: BinnedTaps) -> float:
@@ -201,26 +196,22 @@ def _design_effect(cells: BinnedTaps) -> float:
     Evidence is the log-likelihood ratio to the most similar class by histograms of the other half of the taps.
     """
     labels, (K, B) = cells.labels, (len(cells.edges), cells.edges.shape[1] - 1)
+    at = labels.where[labels.classes[:-1]], labels.what[labels.classes[:-1]]
+    found = np.zeros((2, len(at[0]), K * B), dtype=np.int64)
+    loops.count_halves(cells.cell, labels.classes, labels.half, found)
     counts = np.zeros((2, *labels.grid.shape, K * B), dtype=np.int64)
-    at = [(labels.where[own.start], labels.what[own.start]) for own in labels.each()]
-    for own, (l, m) in zip(labels.each(), at, strict=True):
-        for h in (0, 1):
-            counts[h, l, m] = np.bincount(cells.cell[own][labels.half[own] == h].ravel(), minlength=K * B)
+    counts[:, *at] = found
     trained = (counts.sum(axis=-1) > 0).all(axis=0)
     if trained.sum() < 2:
         return np.nan
     ratios = [_log_ratios(labels, counts[1 - h].reshape(*labels.grid.shape, K, B), cells, trained) for h in (0, 1)]
     effects = []
-    for own, (l, m) in zip(labels.each(), at, strict=True):
-        parts = labels.parts[(labels.parts >= own.start) & (labels.parts < own.stop)] - own.start
-        table = [ratio[l * labels.grid.M + m] for ratio in ratios]
+    for own, l, m in zip(labels.each(), *at, strict=True):
+        parts = labels.parts[(labels.parts >= own.start) & (labels.parts < own.stop)]
+        table = np.stack([ratio[l * labels.grid.M + m] for ratio in ratios])
         if own.stop - own.start - len(parts) < _LEAST_FREEDOM or np.isnan(table).any():
             continue
-        values = np.stack(table)[labels.half[own, None, None], cells.cell[own]]
-        count = np.diff(np.append(parts, len(values)))
-        values = values.reshape(len(values), -1)
-        values -= np.repeat(np.add.reduceat(values, parts, axis=0) / count[:, None], count, axis=0)
-        effects.append(_ratio(float((values.sum(axis=1) ** 2).sum()), _product(values, values)))
+        effects.append(_ratio(*loops.spread_of_sums(cells.cell, table, labels.half, np.append(parts, own.stop))))
     return float(np.nanmedian(effects)) if np.isfinite(effects).any() else np.nan
 
 
@@ -236,14 +227,12 @@ def _log_ratios(
 
 def _tails(cells: BinnedTaps) -> float:
     """Share of residuals beyond three standard deviations of their class and taxel."""
-    beyond, total = 0, 0
-    for own in cells.labels.each():
-        residual = cells.residual[own]
-        deviation = np.sqrt(np.einsum("njk,njk->k", residual, residual) / max(residual[..., 0].size, 1))
-        live = deviation > _DEAD * np.ptp(cells.edges)
-        beyond += int((np.abs(residual)[..., live] > 3 * deviation[live]).sum())
-        total += int(live.sum()) * residual[..., 0].size
-    return _ratio(beyond, total)
+    (C, J, K), count = cells.square.shape, np.diff(cells.labels.classes)
+    deviation = np.sqrt(cells.square.sum(axis=1) / (count * J)[:, None])
+    live = deviation > _DEAD * np.ptp(cells.edges)
+    limit = np.repeat(np.where(live, 3 * deviation, np.inf)[:, None], J, axis=1).reshape(C, J * K)
+    beyond = loops.count_beyond(cells.rows, cells.labels.classes, limit)
+    return _ratio(beyond, float((live.sum(axis=1) * count * J).sum()))
 
 
 def _slope_over_place(cells: BinnedTaps) -> float:
@@ -255,15 +244,13 @@ def _slope_over_place(cells: BinnedTaps) -> float:
         if square > 0:
             product = place @ cells.residual[own].reshape(len(place), -1)
             explained += float(product @ product) / square
-    return _ratio(explained, _product(cells.residual, cells.residual))
+    return _ratio(explained, float(cells.square.sum()))
 
 
 def _between_sessions(cells: BinnedTaps) -> float:
     """Share of the variance within classes that is between sessions."""
-    first = cells.labels.sessions
-    count = np.diff(np.append(first, len(cells.residual)))
-    total = np.add.reduceat(cells.residual.reshape(len(cells.residual), -1), first, axis=0)
-    return _ratio(float(((total**2).sum(axis=1) / count).sum()), _product(cells.residual, cells.residual))
+    first = np.append(cells.labels.sessions, len(cells.residual))
+    return _ratio(loops.between(cells.rows, first), float(cells.square.sum()))
 
 
 STATISTICS: dict[str, Statistic] = {
@@ -377,11 +364,6 @@ def _can(statistic: Statistic, labels: TapLabels) -> bool:
     places = np.mean([len(np.unique(labels.taps.where[own])) for own in labels.each()])
     has = (*labels.taps.taps.shape[1:], N / C, places, len(np.unique(labels.taps.session)), N / S)
     return all(value >= least for value, least in zip(has, statistic.needs, strict=True))
-
-
-def _product(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
-    """Sum of the products of two arrays of the same shape."""
-    return float(np.einsum("...,...->", a, b) if a.ndim == 1 else np.einsum("n...,n...->...", a, b).sum())
 
 
 def _mean_absolute(

@@ -14,6 +14,7 @@ from ...errors import InputError
 
 NOT_FINITE = "Samples must not be NaN or infinite."
 _CHUNK = 1 << 24  # counts held at a time, 128 MiB
+_PARTS = 256  # of the range of random numbers that draw bins
 _SAMPLES = 1 << 16  # counted at a time, so that their bins and counts stay in cache
 
 
@@ -309,16 +310,16 @@ def _draw(
 ) -> None:
     """Writes bins (N, J, K) for random numbers (N, K, J) under cumulative distributions (C, K, B).
 
-    Numbers in each of B equal parts of the whole are searched from the bin in which the part before begins: starting
-    one part early leaves room for rounding.
+    Numbers in each of `_PARTS` equal parts of the whole are searched from the bin in which the part before begins:
+    starting one part early leaves room for rounding, and of so many parts few hold the end of a bin.
     """
     C, K, B = cumulative.shape
-    start = np.zeros((C, K, B), dtype=np.uint32)
+    start = np.zeros((C, K, _PARTS), dtype=np.uint32)
     for c in range(C):
         for k in range(K):
             b = 0
-            for part in range(B):
-                while b < B - 1 and cumulative[c, k, b] * B <= (part - 1) * cumulative[c, k, B - 1]:
+            for part in range(_PARTS):
+                while b < B - 1 and cumulative[c, k, b] * _PARTS <= (part - 1) * cumulative[c, k, B - 1]:
                     b += 1
                 start[c, k, part] = b
     N, _, J = uniform.shape
@@ -327,7 +328,7 @@ def _draw(
             upto = cumulative[row[i], k]
             for j in range(J):
                 value = uniform[i, k, j] * upto[B - 1]
-                b = start[row[i], k, int(uniform[i, k, j] * B)]
+                b = start[row[i], k, np.uint32(uniform[i, k, j] * _PARTS)]
                 while b < B - 1 and upto[b] <= value:
                     b += 1
                 bins[i, j, k] = b

@@ -169,7 +169,7 @@ def test_replicates_follow_the_tables_of_their_classes(taps):
     counts, repeats = np.zeros((L, M, K, B)), []
     for _ in range(200):
         made = replicate({"log_prob": np.log(p)}, model, labels, rng)
-        bins = made.cell - np.arange(K) * B
+        bins = made.cell.reshape(made.residual.shape) - np.arange(K) * B
         for k in range(K):
             np.add.at(counts, (labels.where[:, None], labels.what[:, None], k, bins[..., k]), 1)
         repeats.append((bins[:, 1:] == bins[:, :-1]).mean())
