@@ -41,6 +41,7 @@ class Purpose(IntEnum):
     CHAINS = 13
     INTEGRATED = 40  # draws over which decisions are integrated; number of the draw
     NEW_SESSION = 41  # of a model that decides at one value; number of the draw
+    SHARED_SESSION = 46  # taps of a session by which draws of new ones are judged
     CENTRE = 42  # of draws of a guide; number of the draw
     PARAMETERS = 14  # draws from a posterior; number of the draw
     PRIOR = 44  # draws from a prior; number of the draw

@@ -259,7 +259,7 @@ def test_an_interrupted_study_keeps_what_is_finished(capsys):
 
 def test_the_page_has_a_place_for_every_study():
     page = ROOT / "docs" / "explanation" / "model-studies.md"
-    for name in ("recovery", "own-recovery", "sbc", "user-sbc", "svi-rule", "sessions"):
+    for name in ("recovery", "own-recovery", "sbc", "user-sbc", "svi-rule", "new-sessions", "sessions"):
         check_block(page, name)
 
 

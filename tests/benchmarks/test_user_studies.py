@@ -12,7 +12,18 @@ from solidtouch.models.measurement.generic import fit as fits
 from solidtouch.models.measurement.registry import fit_model
 from solidtouch.models.settings import FitSettings
 
-from benchmarks.studies.models import recovery, sbc, svi_rule, user_sbc, user_stories
+from benchmarks.studies.models import new_sessions, recovery, sbc, svi_rule, user_sbc, user_stories
+
+
+def test_draws_of_new_sessions_are_judged_by_exact_integrals():
+    """Equal weights have no error."""
+    found = new_sessions.errors(2, 0, ratios=(1e-9, 2.0), draws=(64, 16))
+
+    assert [(one.ratio, one.draws) for one in found] == [(1e-9, 64), (1e-9, 16), (2.0, 64), (2.0, 16)]
+    assert max(one.error + one.said for one in found[:2]) < 1e-9
+    assert 0 < found[2].error < found[3].error < 1
+    assert "| 2 | 2 |" in new_sessions.shown(found)
+    assert "times as large" in new_sessions.within(found)
 
 
 class Known:

@@ -1,4 +1,4 @@
-"""Measurement models: recovery of the true model, calibration of fits, gain of session models, plate diagrams.
+"""Measurement models: recovery, calibration of fits, gain of session models, draws of new sessions, plate diagrams.
 
 All but `plates` update docs/explanation/model-studies.md.
 """

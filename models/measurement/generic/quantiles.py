@@ -21,11 +21,10 @@ def at_quantiles(distribution: Any, quantile: Any) -> jax.Array | None:
 
     Args:
         distribution: A continuous distribution.
-        quantile: Between 0 and 1, broadcast over the shape.
+        quantile: Between 0 and 1, broadcast over the batch shape.
     """
-    base, shape = peeled(distribution), distribution.shape()
-    found = _made(base, jnp.broadcast_to(quantile, shape))
-    return None if found is None else jnp.broadcast_to(found, shape)
+    found = _made(peeled(distribution), jnp.asarray(quantile))
+    return None if found is None else jnp.broadcast_to(found, distribution.shape())
 
 
 def _made(base: Any, quantile: jax.Array) -> jax.Array | None:
@@ -44,7 +43,7 @@ def _vector(base: Any, quantile: jax.Array) -> jax.Array | None:
         lower = jnp.linalg.cholesky(base.covariance_matrix)
         return base.loc + (lower @ ndtri(quantile)[..., None])[..., 0]
     if isinstance(base, dist.Dirichlet):
-        parts = at_quantiles(dist.Gamma(base.concentration).expand(quantile.shape), quantile)
+        parts = _made(dist.Gamma(base.concentration), quantile)
         return None if parts is None else parts / parts.sum(axis=-1, keepdims=True)
     if isinstance(base, dist.TransformedDistribution) and base.base_dist.shape() == base.shape():
         values: Any = _made(peeled(base.base_dist), quantile)

@@ -25,6 +25,7 @@ from ..scaling import Scaling
 from ..states import States
 from . import source
 from .contract import StoryCall, StoryFunction
+from .session_draws import FEWEST, enough_sessions, error_of_mean
 
 if TYPE_CHECKING:
     from ...grid import ClassGrid
@@ -33,14 +34,6 @@ if TYPE_CHECKING:
     from ..likelihood.true_class import Own
     from .form import GenericForm
     from .runs import Program
-
-_SESSIONS = 128  # draws of a new session where the model decides at one value
-_EPISODES, _TAPS = 12, 10  # by which these are judged
-_LARGE_ERROR = 0.1  # nats
-_UNCERTAIN = (
-    f"What belongs to a new session ({{names}}) is one of {_SESSIONS} draws, by which the log evidence of {_TAPS} taps "
-    "is off by about {off:.2g} nats; more draws, --integrate D, and fewer such variables make it more exact."
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,14 +109,12 @@ class GenericStory:
             left_out=grid.untouched(kept["covered"]),
             **kept,
         )
-        if structure.exchangeable:
+        if structure.exchangeable and not structure.by_session:
             _ = model.plain_form  # refuses wrong probabilities before anything is decided by them
         if structure.by_session:
             found = InNewSessions(found, program)
-            episodes = some_episodes(session, generator(0, Purpose.NEW_SESSION, _SESSIONS))
-            off = model.integration_error(known.samples, (known.where, known.what), episodes)
-            if off > _LARGE_ERROR:
-                warning = f"{warning} {_UNCERTAIN.format(names=', '.join(structure.by_session), off=off)}".lstrip()
+            model, told = enough_sessions(Fitted(model, found, found.convergence()), settings, known, session)
+            warning = f"{warning} {told}".strip()
         return Fitted(model, found, found.convergence()._replace(warning=warning))
 
     def read(
@@ -146,15 +137,6 @@ class GenericStory:
             covered=data["covered"].values.astype(bool),
             **common,
         )
-
-
-def some_episodes(session: NDArray[np.intp], generator: np.random.Generator) -> list[NDArray[np.intp]]:
-    """Indices of taps of the same session, several times."""
-    episodes = []
-    for number in generator.choice(session, size=_EPISODES):
-        rows = np.flatnonzero(session == number)
-        episodes.append(generator.permutation(rows)[:_TAPS])
-    return episodes
 
 
 def batch_of(grid: "ClassGrid", preprocessing: Any, K: int) -> StoryCall:
@@ -190,7 +172,8 @@ class GenericModel(ModelOfParameters):
         """Adds states, one for each draw of a new session."""
         super().__post_init__()
         if self.program.structure.by_session:
-            object.__setattr__(self, "states", States.alike(len(self.decides_at)))
+            number = len(self.draws) or max(FEWEST, len(self.states.gain))
+            object.__setattr__(self, "states", States.alike(number))
 
     @property
     def name(self) -> str:
@@ -230,9 +213,7 @@ class GenericModel(ModelOfParameters):
         return each[0].joined(each)
 
     def integration_error(self, taps: NDArray[np.float64], own: "Own", episodes: Sequence[NDArray[np.intp]]) -> float:
-        """Mean error of the log evidence of episodes in a new session, in nats, from two halves of its draws.
-
-        Where draws are few for the dimensions of a session, all miss where taps are likely, and the error is larger.
+        """Mean error of the log evidence of episodes in a new session, in nats, see `error_of_mean`.
 
         Args:
             taps: Shape (N, J, K).
@@ -246,8 +227,7 @@ class GenericModel(ModelOfParameters):
         known = OwnTaps(taps[rows], (own[0][rows], own[1][rows]), self.edges, self.states)
         each = np.stack([known.log_probability(self.form_of(parameters)) for parameters in self.decides_at])
         evidence = self.exponent * np.stack([each[:, rows].sum(axis=1) for rows in part], axis=1)
-        halves = [np.logaddexp.reduce(half, axis=0) for half in np.split(evidence, 2)]
-        return 0.5 * float(np.abs(halves[0] - halves[1]).mean())
+        return error_of_mean(evidence)
 
     def by_story(self, parameters: Parameters) -> list["GenericForm"]:
         """The form that runs the function for every tap."""
@@ -286,8 +266,9 @@ class GenericModel(ModelOfParameters):
 
         if not self.program.structure.by_session:
             return [self.parameters]
-        generators = [generator(0, Purpose.NEW_SESSION, number) for number in range(_SESSIONS)]
-        return list(in_new_sessions(self.program, [self.parameters] * _SESSIONS, generators))
+        draws = FEWEST if self.draws else len(self.states.gain)
+        generators = [generator(0, Purpose.NEW_SESSION, number) for number in range(draws)]
+        return list(in_new_sessions(self.program, [self.parameters] * draws, generators))
 
     def form_of(self, parameters: Parameters) -> Form:
         """Likelihood form of other parameters; their last session is the one at perception."""

@@ -16,7 +16,8 @@ from solidtouch.models.measurement.draws import drawn, replicated_bins
 from solidtouch.models.measurement.generic import fit as fits
 from solidtouch.models.measurement.generic import sessions
 from solidtouch.models.measurement.generic.contract import StoryCall, StoryFunction
-from solidtouch.models.measurement.generic.story import at_prior, some_episodes
+from solidtouch.models.measurement.generic.session_draws import some_episodes
+from solidtouch.models.measurement.generic.story import at_prior
 from solidtouch.models.measurement.generic.structure import structure_of
 from solidtouch.models.measurement.likelihood.bins import find_bins
 from solidtouch.models.measurement.likelihood.story_likelihood import log_likelihoods as by_story
