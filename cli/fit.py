@@ -62,7 +62,8 @@ def fit(
         Option(
             min=0,
             help="Posterior draws to store, in each of 4 chains. Default: 25 with --arviz and for fits whose draws "
-            "cannot be made later; none for posteriors in closed form, which the file keeps.",
+            "cannot be made later; none for posteriors in closed form, which the file keeps, and for recordings above "
+            "256 MiB but of chains.",
         ),
     ] = None,
     arviz: Annotated[
@@ -114,7 +115,8 @@ def fit(
     trained_on = f"{', '.join(path.name for path in data)}: {parts.description}"
     with bars() as progress:
         fitted, learned = fit_tempered(model, fold.train, grid, settings, trained_on, progress)
-    written, kept = _written(fitted, fold.train, draws, arviz)
+    large = fold.train.scanned is not None and settings.method != "nuts" and not arviz
+    written, kept = _written(fitted, fold.train, 0 if draws is None and large else draws, arviz)
     beside = "" if learned is None else _beside(model, fitted, fold.train, settings, learned.taps, simulations, crew)
     save_model(written, out, force, kept, fitted.convergence)
     left_out = [*dropped, *written.left_out]
@@ -130,6 +132,8 @@ def fit(
         print(f"Warning: {fitted.convergence.warning}")
     if fitted.posterior is None and draws != 0:
         print("Note: without a pseudocount the posterior is improper, so no draws are stored.")
+    elif draws is None and large and not written.keeps_posterior:
+        print("Note: no draws are stored, as each goes through the whole of a large recording; --draws N stores some.")
     print(f"{grid.L} x {grid.M} (position, object) classes from {len(fold.train)} taps, in {out}")
     for sentence in one_object(grid, range(grid.M)):
         print(f"Warning: {sentence}")

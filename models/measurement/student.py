@@ -95,14 +95,16 @@ def fit(taps: Taps) -> StudentPosterior:
     from .fits.story_parts import EvidenceBound
 
     moments, used, more = Moments.of(taps), taps, {}
+    start = jax.tree.map(jnp.asarray, _start(moments))
     if isinstance(taps.samples, ScaledSamples):
         used, weight = condensed(taps, moments)
         more["weight"] = jnp.asarray(weight, dtype=jnp.float32)
+    del moments  # of large recordings they are large, too
     # Taps are arguments of the programs, so these are the same for all taps of the same sizes and found on disk.
     told, (where, what, samples) = used.apart(_weighted if more else story)
     data = jnp.asarray(where), jnp.asarray(what), jnp.asarray(samples, dtype=jnp.float32)
     given = data, {"least": jnp.asarray(taps.least), **more}
-    guide = AutoNormal(told, init_loc_fn=init_to_value(values=jax.tree.map(jnp.asarray, _start(moments))))
+    guide = AutoNormal(told, init_loc_fn=init_to_value(values=start))
     # In every run the rate falls to a fiftieth.
     svi = SVI(told, guide, Adam(lambda step: _RATE * 0.02 ** ((step % _STEPS) / _STEPS)), EvidenceBound())
     key, losses, change = jax.random.key(0), [], np.inf

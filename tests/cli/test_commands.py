@@ -14,6 +14,7 @@ from solidtouch.models import blocks, storage
 from solidtouch.models.errors import InputError
 from solidtouch.models.io.arviz_tree import to_arviz
 from solidtouch.models.io.model_file import load_model
+from solidtouch.models.measurement import student
 from solidtouch.models.measurement.likelihood.bins import count_taps
 from solidtouch.models.measurement.registry import NAMES, fit_model
 from solidtouch.models.settings import FitSettings
@@ -110,6 +111,22 @@ def test_fit_writes_all_that_arviz_needs(command, tmp_path, taps_file):
     assert load_model(tmp_path / "model.nc").name == "gaussian"
     refused = command("fit", taps_file, "--out", tmp_path / "none.nc", "--arviz", "--draws", 0)
     assert (refused.code, "--arviz requires draws" in refused.err) == (2, True)
+
+
+def test_fit_stores_draws_of_large_recordings_on_request(command, tmp_path, taps_file, monkeypatch):
+    """As each would read the whole recording; of a posterior in closed form there is nothing to say."""
+    monkeypatch.setattr(storage, "ON_DISK", 0)
+    monkeypatch.setattr(student, "_STEPS", 100)
+    monkeypatch.setattr(student, "_RUNS", 1)
+    words = ("fit", taps_file, "--allow-unconverged", "--bins", 9)
+    without = command(*words, "--model", "student", "--out", tmp_path / "student.nc")
+    closed = command(*words, "--model", "gaussian", "--out", tmp_path / "gaussian.nc")
+
+    assert (without.code, closed.code) == (0, 0)
+    assert "no draws are stored" in without.out
+    assert "no draws are stored" not in closed.out
+    with xr.open_datatree(tmp_path / "student.nc", engine="h5netcdf") as tree:
+        assert "posterior" not in tree.children
 
 
 def test_fit_keeps_a_saturation(command, tmp_path, taps_file):
