@@ -6,7 +6,7 @@ thread. Samples are arrays or variables of xarray, shape (N, J, K); what is done
 
 import hashlib
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import prod
 from pathlib import Path
 from typing import Any
@@ -77,6 +77,10 @@ class ScaledSamples:
     def __len__(self) -> int:
         return len(self.samples)
 
+    def chosen(self, taps: NDArray[np.bool_]) -> "ScaledSamples":
+        """Those of the taps in a mask."""
+        return replace(self, samples=self.samples[np.flatnonzero(taps)])
+
     def __getitem__(self, taps: slice) -> NDArray[np.float64]:
         block = np.asarray(self.samples[taps]).astype(self.dtype)
         block -= self.centre
@@ -87,7 +91,31 @@ class ScaledSamples:
         return self[:].astype(dtype or self.dtype, copy=False)
 
 
-class JoinedSamples(BackendArray):
+class _LazySamples(BackendArray):
+    """Samples for a lazy variable of xarray, shape (N, J, K); a subclass reads those of some taps."""
+
+    shape: tuple[int, ...]
+    dtype: np.dtype[Any]
+
+    def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
+        """Any part of them."""
+        return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self._part)
+
+    def _part(self, key: tuple[Any, ...]) -> NDArray[Any]:
+        taps, *rest = key
+        index = np.arange(self.shape[0])[taps]
+        return self._read(index, rest) if np.ndim(index) else self._read(np.array([index]), rest)[0]
+
+    def _read(self, index: NDArray[np.intp], rest: Sequence[Any]) -> NDArray[Any]:
+        """Of the taps at these indices the samples and taxels that `rest` says."""
+        raise NotImplementedError
+
+    def variable(self, like: Variable) -> Variable:
+        """They as a variable, with the dims and attributes of another one."""
+        return Variable(like.dims, indexing.LazilyIndexedArray(self), like.attrs, like.encoding)
+
+
+class JoinedSamples(_LazySamples):
     """Samples of recordings one after the other, for a lazy variable of xarray; each is read when it is asked for."""
 
     def __init__(self, parts: Sequence[Any]) -> None:
@@ -95,15 +123,7 @@ class JoinedSamples(BackendArray):
         self.shape = int(self.ends[-1]), *parts[0].shape[1:]
         self.dtype = np.result_type(*(part.dtype for part in parts))
 
-    def __getitem__(self, key: indexing.ExplicitIndexer) -> Any:
-        """Any part of them."""
-        return indexing.explicit_indexing_adapter(key, self.shape, indexing.IndexingSupport.OUTER, self._read)
-
-    def _read(self, key: tuple[Any, ...]) -> NDArray[Any]:
-        taps, *rest = key
-        index = np.arange(self.shape[0])[taps]
-        if not np.ndim(index):
-            return self._read((np.array([index]), *rest))[0]
+    def _read(self, index: NDArray[np.intp], rest: Sequence[Any]) -> NDArray[Any]:
         part_of, found = np.searchsorted(self.ends, index, side="right"), []
         for number, part in enumerate(self.parts):
             rows = index[part_of == number] - (self.ends[number] - len(part))
@@ -115,8 +135,23 @@ class JoinedSamples(BackendArray):
 
 def joined_samples(parts: Sequence[Variable]) -> Variable:
     """Samples of several recordings one after the other, of which none is read."""
-    lazy = indexing.LazilyIndexedArray(JoinedSamples(parts))
-    return Variable(parts[0].dims, lazy, parts[0].attrs, parts[0].encoding)
+    return JoinedSamples(parts).variable(parts[0])
+
+
+class TaredSamples(_LazySamples):
+    """Samples less the mean of the first ones of their tap and taxel."""
+
+    def __init__(self, samples: Variable, first: int, dtype: Any) -> None:
+        self.samples, self.first, self.shape, self.dtype = samples, first, samples.shape, np.dtype(dtype)
+
+    def _read(self, index: NDArray[np.intp], rest: Sequence[Any]) -> NDArray[Any]:
+        run = slice(index[0], index[-1] + 1) if len(index) and (np.diff(index) == 1).all() else index
+        return tared(np.asarray(self.samples[run]).astype(self.dtype, copy=False), self.first)[:, *rest]
+
+
+def tared(samples: NDArray[Any], first: int) -> NDArray[Any]:
+    """Samples (N, J, K) less the mean of the first ones of their tap and taxel."""
+    return samples - samples[:, :first].mean(axis=1, keepdims=True)
 
 
 def write_in_blocks(dataset: Any, name: str, path: Path) -> None:

@@ -33,7 +33,7 @@ _FAR = 4.0  # standard deviations of the replicates
 
 def count_replicates(taps: TapSet, replicates: int = REPLICATES) -> int:
     """How many replicates are drawn: those wanted, or of many taps so many that it takes seconds, at least 40."""
-    return min(replicates, max(FEWEST, _SAMPLES // max(taps.taps.size, 1)))
+    return min(replicates, max(FEWEST, _SAMPLES // max(taps.samples.size, 1)))
 
 
 def audit_checks(
@@ -76,7 +76,7 @@ def audit_checks(
         made = replicate(_draw(fitted.counts, generator), fitted, labels, generator)
         return [STATISTICS[name].of(made) for name in observed]
 
-    at_once = max(1, min(cores(None), _AT_ONCE // (taps.taps.size + 2 * fitted.counts.size)))
+    at_once = max(1, min(cores(None), _AT_ONCE // (taps.samples.size + 2 * fitted.counts.size)))
     values = np.empty((used, len(observed)))
     for r, found in enumerate(in_order((partial(of_replicate, r) for r in range(used)), at_once)):
         values[r] = found

@@ -55,7 +55,8 @@ class AuditSettings:
 
     Intervals are from so many `resamples` of the measuring taps, checks of predictions from so many `replicates`, and
     beliefs are compared with so many `simulations` of a correct model, tuned exponents with `tuned_simulations`.
-    Independence is tested, and evidence judged, on `most_taps` of a class and session at most.
+    Independence is tested, and evidence judged, on `most_taps` of a class and session at most, and so are predictions
+    checked of recordings above 256 MiB.
     """
 
     setting: Setting = field(default_factory=Setting)
@@ -177,17 +178,18 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
     where, what = taps.indices(grid)
     import_samplers()
     with ThreadPoolExecutor(1) as beside:  # for what keeps one core busy
-        sampled = beside.submit(variance_components, taps.taps, where * grid.M + what, taps.session, seed)
+        sampled = beside.submit(variance_components, taps.doubles, where * grid.M + what, taps.session, seed)
+        tested = taps.select(some).taps
         with clock.stage("Testing taxels", 2 * len(np.unique(stratum))) as advance:
             local = (
-                contrasts(taps.taps, stratum, recorded_time(taps), taps.session, settings.most_taps)
+                contrasts(taps.samples, stratum, recorded_time(taps), taps.session, settings.most_taps)
                 if by_session
                 else None
             )
-            whole = taxel_dependence(taps.taps[some], stratum[some], progress=advance, **options)
+            whole = taxel_dependence(tested, stratum[some], progress=advance, **options)
             taxels = against_drift(whole, local, progress=advance, **options)
         with clock.stage("Testing times", len(np.unique(stratum))) as advance:
-            times = time_dependence(taps.taps[some], stratum[some], progress=advance, **options)
+            times = time_dependence(tested, stratum[some], progress=advance, **options)
         with clock.stage("Sampling variance components"):
             components = sampled.result()
         with clock.stage("Fitting remedies", count_remedies(settings.models)) as advance:
@@ -199,8 +201,9 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
         with clock.stage("Tuning on taps of a correct model", settings.tuned_simulations) as advance:
             own = parts.train, parts.tune, SEQUENCE, seed, advance, settings.tuned_simulations
             remedies = beside_right(remedies, *own)
-        with clock.stage("Checking predictions", count_replicates(taps, settings.replicates)) as advance:
-            checks = audit_checks(taps, _histograms(base.model), seed, settings.replicates, advance)
+        checked = taps if taps.scanned is None else taps.select(some)  # replicates of a large recording fill memory
+        with clock.stage("Checking predictions", count_replicates(checked, settings.replicates)) as advance:
+            checks = audit_checks(checked, _histograms(base.model), seed, settings.replicates, advance)
         with clock.stage("Decomposing the variance"):
             split, no_split, p = parted.result()
     with clock.stage("Measuring remedies", count_measurements(remedies, settings.simulations)) as advance:

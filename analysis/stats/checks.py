@@ -334,7 +334,7 @@ def _replicated(item: tuple[int, PortableFit], checked: _Checked) -> NDArray[np.
     replicated = (
         replicate(fitted.posterior.draw(generator), fitted.model, labels, generator) for _ in range(replicates)
     )
-    at_once = max(1, min(cores(None), _AT_ONCE // max(labels.taps.taps.size, 1)))
+    at_once = max(1, min(cores(None), _AT_ONCE // max(labels.taps.samples.size, 1)))
     for r, found in enumerate(in_order((partial(_taken, names, of) for of in replicated), at_once)):
         result[:, r] = found
         progress(1)
@@ -362,7 +362,7 @@ def _can(statistic: Statistic, labels: TapLabels) -> bool:
     """Whether taps show a statistic at all."""
     N, C, S = len(labels.where), len(labels.classes) - 1, len(labels.sessions)
     places = np.mean([len(np.unique(labels.taps.where[own])) for own in labels.each()])
-    has = (*labels.taps.taps.shape[1:], N / C, places, len(np.unique(labels.taps.session)), N / S)
+    has = (*labels.taps.tap_shape, N / C, places, len(np.unique(labels.taps.session)), N / S)
     return all(value >= least for value, least in zip(has, statistic.needs, strict=True))
 
 

@@ -90,7 +90,7 @@ def evidence(
     judge = Judge(
         np.stack([_ratios(part, against) for part, against in zip(tables, rival, strict=True)]), half, own, model.edges
     )
-    return Evidence(tap, own, half, rival, judge(taps.taps[tap]), judge)
+    return Evidence(tap, own, half, rival, judge(taps.select(tap).taps), judge)
 
 
 def halves(taps: TapSet, grid: ClassGrid) -> NDArray[np.intp]:

@@ -13,11 +13,12 @@ removed as well, and a third of the taps is left: docs/explanation/audit-studies
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
+from xarray import Variable
 
 from ....models.taps import TapSet
 from ...experiment.data_warnings import recorded_order
@@ -78,23 +79,25 @@ def triples(stratum: ArrayLike, time: ArrayLike) -> NDArray[np.intp]:
 
 
 def contrasts(
-    taps: ArrayLike, stratum: ArrayLike, time: ArrayLike, session: ArrayLike, most: int | None = None
+    taps: ArrayLike | Variable, stratum: ArrayLike, time: ArrayLike, session: ArrayLike, most: int | None = None
 ) -> Contrasts:
     """Taps without slow courses, by `triples`.
 
     Args:
-        taps: Shape (N, J, K).
+        taps: Shape (N, J, K); of `TapSet.samples` those are read that count.
         stratum: Class and session of each tap as one number, shape (N,).
         time: When each was recorded, different within a stratum, shape (N,).
         session: Of each tap, shape (N,).
         most: At most so many of a stratum, spread evenly over it; `None` for all.
     """
-    taps, stratum = np.asarray(taps), np.asarray(stratum)
+    samples: Any = taps if isinstance(taps, Variable) else np.asarray(taps)
+    stratum = np.asarray(stratum)
     three = triples(stratum, time)
     if most is not None:
         three = three[evenly(stratum[three[:, 0]], most)]
     weight = triple_weights(np.asarray(time)[three])
-    values = np.einsum("nw,nwjk->njk", weight, taps[three].astype(np.float64))
+    chosen = np.asarray(samples[three.ravel()]).reshape(*three.shape, *samples.shape[1:])
+    values = np.einsum("nw,nwjk->njk", weight, chosen.astype(np.float64))
     return Contrasts(values, stratum[three[:, 0]], np.asarray(session)[three[:, 0]])
 
 

@@ -1,12 +1,14 @@
 """Samples of a tap known to precede contact, and samples in which classes do not differ."""
 
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ....models.blocks import ScaledSamples, TaredSamples, tared
 from ....models.errors import InputError
-from ....models.measurement.scaling import sum_by
+from ....models.measurement.fits.priors import Taps
+from ....models.measurement.scaling import Moments
 from ....models.taps import TapSet
 
 OPTION = "--pre"
@@ -68,7 +70,7 @@ def before_contact(taps: TapSet, cell: NDArray[np.intp], pre: int | None = None)
     Raises:
         InputError: `pre` is negative, or taps have no sample after so many.
     """
-    J, lead = taps.taps.shape[1], leading_samples(taps.taps, cell)
+    J, lead = taps.tap_shape[0], leading_samples(taps.doubles, cell)
     if pre is not None:
         check_pre(pre, J)
         return Before(pre, OPTION if pre else "", lead)
@@ -91,7 +93,7 @@ def check_pre(pre: int, J: int) -> None:
         raise InputError(f"{OPTION} {pre}: taps have {J} sample{'s' * (J > 1)}{most}.")
 
 
-def leading_samples(taps: NDArray[np.floating], cell: NDArray[np.intp]) -> Lead:
+def leading_samples(taps: NDArray[np.floating] | ScaledSamples, cell: NDArray[np.intp]) -> Lead:
     """In how many samples at the beginning of taps classes do not part.
 
     If taps begin before contact, these are free of contact, since touch is what differs between classes; taps that
@@ -103,17 +105,19 @@ def leading_samples(taps: NDArray[np.floating], cell: NDArray[np.intp]) -> Lead:
     exchangeable, there are none.
 
     Args:
-        taps: Shape (N, J, K).
+        taps: Shape (N, J, K); those of a large recording are read in blocks.
         cell: Class of each tap, shape (N,). Classes of one tap are left out unless there are no others; then noise
             counts as change, and the stretch is found too short.
     """
     J = taps.shape[1]
-    change = np.asarray(taps, dtype=np.float64) - taps[:, :1]
-    single = np.sqrt((change**2).mean(axis=(0, 2)))
+    index = np.unique(cell, return_inverse=True)[1]
+    change = Taps(_change(taps), index, np.zeros_like(index), (int(index.max()) + 1, 1))
+    squares = sum(change.over_blocks(lambda block, _: (block**2).sum(axis=(0, 2))))
+    single = np.sqrt(squares / (taps.shape[0] * taps.shape[2]))
     if J == 1 or not single.any():
         return Lead(0, "none", np.zeros(J), np.zeros(J))
     single = single / single.max()
-    between = _between_classes(change, cell)
+    between = _between_classes(change)
     between = between / between.max() if between.max() > 0 else single**2
     if single[1] > _UNREST:
         return Lead(0, "none", between, single)
@@ -122,14 +126,18 @@ def leading_samples(taps: NDArray[np.floating], cell: NDArray[np.intp]) -> Lead:
     return Lead(samples, "stretch" if samples > 1 else "first sample", between, single)
 
 
-def _between_classes(change: NDArray[np.float64], cell: NDArray[np.intp]) -> NDArray[np.float64]:
+def _change(taps: NDArray[np.floating] | ScaledSamples) -> Any:
+    """Change since the first sample, shape (N, J, K)."""
+    if not isinstance(taps, ScaledSamples):
+        return tared(np.asarray(taps, dtype=np.float64), 1)
+    return ScaledSamples(TaredSamples(taps.samples, 1, np.float64).variable(taps.samples))
+
+
+def _between_classes(change: Taps) -> NDArray[np.float64]:
     """Mean square over classes and taxels of their mean change, without the share of noise in it, shape (J,)."""
-    index = np.unique(cell, return_inverse=True)[1]
-    count = np.bincount(index)
-    mean = sum_by(index, change, len(count)) / count[:, None, None]
-    repeated = count > 1
+    moments = Moments.of(change)
+    mean, count, repeated = moments.mean[:, 0], moments.taps[:, 0], moments.taps[:, 0] > 1
     if not repeated.any():
         return (mean**2).mean(axis=(0, 2))
-    square = sum_by(index, (change - mean[index]) ** 2, len(count))[repeated]
     n = count[repeated][:, None, None]
-    return (mean[repeated] ** 2 - square / (n * (n - 1))).mean(axis=(0, 2))
+    return (mean[repeated] ** 2 - moments.square[repeated, 0] / (n * (n - 1))).mean(axis=(0, 2))

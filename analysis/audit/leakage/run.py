@@ -23,8 +23,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 from scipy.special import ndtri
+from xarray import Variable
 
 from ....models import seeds
+from ....models.blocks import TaredSamples, tared
 from ....models.errors import InputError
 from ....models.grid import ClassGrid
 from ....models.measurement.registry import fit_model
@@ -136,7 +138,7 @@ def _quantities(grid: ClassGrid) -> tuple[str, ...]:
 def _sources(train: TapSet, test: TapSet, before: Before) -> dict[str, tuple[TapSet, TapSet] | None]:
     """Training and test taps of each source, nothing where there are none."""
 
-    def both(samples: Mapping[str, NDArray[np.floating]]) -> tuple[TapSet, TapSet]:
+    def both(samples: Mapping[str, Variable | NDArray[np.floating]]) -> tuple[TapSet, TapSet]:
         return with_samples(train, samples["train"]), with_samples(test, samples["test"])
 
     sets = {"train": train, "test": test}
@@ -145,23 +147,29 @@ def _sources(train: TapSet, test: TapSet, before: Before) -> dict[str, tuple[Tap
         "offset" in taps.dataset and taps.dataset["offset"].dims == ("tap", "taxel") for taps in (train, test)
     )
     return {
-        BEFORE: both({side: taps.taps[:, :n] for side, taps in sets.items()}) if n else None,
+        BEFORE: both({side: taps.samples[:, :n] for side, taps in sets.items()}) if n else None,
         OFFSET: both({side: taps.dataset["offset"].values[:, np.newaxis] for side, taps in sets.items()})
         if has_offset
         else None,
         WHOLE: (train, test),
-        TARED: both({side: taps.taps - taps.taps[:, :n].mean(axis=1, keepdims=True) for side, taps in sets.items()})
-        if n
-        else None,
+        TARED: both({side: _tared(taps, n) for side, taps in sets.items()}) if n else None,
     }
 
 
-def with_samples(taps: TapSet, samples: NDArray[np.floating]) -> TapSet:
+def _tared(taps: TapSet, first: int) -> Variable | NDArray[np.floating]:
+    """Samples less the mean of the first ones, in memory or to be read."""
+    large = taps.scanned is not None
+    samples = taps.samples
+    return TaredSamples(samples, first, samples.dtype).variable(samples) if large else tared(taps.taps, first)
+
+
+def with_samples(taps: TapSet, samples: Variable | NDArray[np.floating]) -> TapSet:
     """Taps of the same labels with other samples, shape (N, any number, K)."""
     J = samples.shape[1]
     # What started a tap says nothing of a part of it.
     record = replace(taps.preprocessing, samples=J, pre_samples=0)
-    dataset = taps.dataset.drop_dims("sample").assign(taps=(("tap", "sample", "taxel"), samples))
+    variable = samples if isinstance(samples, Variable) else Variable(("tap", "sample", "taxel"), samples)
+    dataset = taps.dataset.drop_dims("sample").assign(taps=variable)
     dataset = dataset.assign_coords(time=("sample", np.arange(J) / (record.rate_hz or 1.0)))
     return TapSet(dataset.assign_attrs(preprocessing=record.to_json()))
 
@@ -176,7 +184,7 @@ def _correct(
             model = fit_model(classifier, train, grid, FitSettings()).model
         except InputError:
             continue  # too few taps per class for this one
-        log_belief = model.log_likelihood(test.taps) + model.log_prior
+        log_belief = model.log_likelihood(test.samples) + model.log_prior
         belief = np.exp(log_belief - log_belief.max(axis=(1, 2), keepdims=True))
         where, what = test.indices(grid)
         right = {

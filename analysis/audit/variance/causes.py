@@ -101,7 +101,8 @@ def split_variance(
         halves of sessions, the probability of what it explains if it explained nothing; and of suspects in their order
         `suspects`, their names, `suspect_p` and `suspect_follows_order`, see `suspects.Suspected`.
     """
-    samples, session = taps.taps[evidence.tap].astype(np.float64), taps.session[evidence.tap]
+    judged = taps.select(evidence.tap)
+    samples, session = judged.taps.astype(np.float64), judged.session
     classes, covariate = evidence_classes(taps, evidence, [suspect.columns for suspect in suspects])
     named = [suspect.name for suspect in suspects]
     parts = (*PARTS, *map(suspect_part, named))

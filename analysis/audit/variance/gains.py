@@ -19,8 +19,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
+from ....models.blocks import ScaledSamples
 from ....models.errors import InputError
-from ....models.measurement.scaling import sum_by
+from ....models.measurement.fits.priors import Taps
+from ....models.measurement.scaling import class_sums, sum_by
 from ....models.seeds import Purpose, derived_seed
 from ....models.threads import one_blas_thread
 from ...page.numbers import spanned
@@ -104,7 +106,10 @@ def import_samplers() -> None:
 
 
 def variance_components(
-    taps: NDArray[np.floating], own: NDArray[np.integer], session: NDArray[np.integer], seed: int = 0
+    taps: NDArray[np.floating] | ScaledSamples,
+    own: NDArray[np.integer],
+    session: NDArray[np.integer],
+    seed: int = 0,
 ) -> Components:
     """How much gains and offsets of taps differ between sessions, classes of a session, and taps.
 
@@ -112,7 +117,7 @@ def variance_components(
     for those of offsets. With two sessions the intervals are wide, with one only the tap can be told.
 
     Args:
-        taps: Shape (N, J, K).
+        taps: Shape (N, J, K); those of a large recording are read in blocks.
         own: Class of each tap, shape (N,), any numbers.
         session: Session of each tap, shape (N,).
         seed: Of the chains.
@@ -120,18 +125,20 @@ def variance_components(
     Raises:
         InputError: The arrays do not fit together, or hold no tap.
     """
-    taps, own, session = np.asarray(taps), np.asarray(own), np.asarray(session)
-    if taps.ndim != 3 or not len(taps) or own.shape != (len(taps),) or session.shape != (len(taps),):
+    samples: Any = taps if isinstance(taps, ScaledSamples) else np.asarray(taps)
+    own, session = np.asarray(own), np.asarray(session)
+    if len(samples.shape) != 3 or not len(samples) or not own.shape == session.shape == (len(samples),):
         raise InputError(
             "Variance components need taps of shape (N, J, K) with a class and a session each, got shapes "
-            f"{taps.shape}, {own.shape} and {session.shape}."
+            f"{samples.shape}, {own.shape} and {session.shape}."
         )
     classes = np.unique(own)
     all_classes = len(classes)
     if all_classes > MOST_CLASSES:
         kept = np.isin(own, classes[np.linspace(0, all_classes - 1, MOST_CLASSES).round().astype(np.intp)])
-        taps, own, session = taps[kept], own[kept], session[kept]
-    gains = tap_gains(taps, own, session)
+        samples = samples.chosen(kept) if isinstance(samples, ScaledSamples) else samples[kept]
+        own, session = own[kept], session[kept]
+    gains = tap_gains(samples, own, session)
     if not gains.separable:
         return _untold(gains)
     cells = collapse(gains, own, session)
@@ -143,7 +150,9 @@ def variance_components(
     return components._replace(sentences=(chosen, *components.sentences))
 
 
-def tap_gains(taps: NDArray[np.floating], own: NDArray[np.integer], session: NDArray[np.integer]) -> TapGains:
+def tap_gains(
+    taps: NDArray[np.floating] | ScaledSamples, own: NDArray[np.integer], session: NDArray[np.integer]
+) -> TapGains:
     """Gain and offset of every tap against the mean tap of its class, by least squares.
 
     The mean tap of a class is the mean over sessions of its means in them. The errors come from how taps differ from
@@ -155,31 +164,43 @@ def tap_gains(taps: NDArray[np.floating], own: NDArray[np.integer], session: NDA
         own: Class of each tap, shape (N,).
         session: Session of each tap, shape (N,).
     """
-    samples = np.asarray(taps, dtype=np.float64)
-    N, J, K = samples.shape
+    samples: Any = taps if isinstance(taps, ScaledSamples) else np.asarray(taps, dtype=np.float64)
+    _, J, K = samples.shape
     classes, cell, of_cell = _cells(own, session)
     count = np.bincount(cell)
-    cell_mean = sum_by(cell, samples, len(count)) / count[:, None, None]
+    parts = Taps(samples, cell, np.zeros_like(cell), (len(count), 1))
+    cell_mean = class_sums(parts, lambda block, _: block)[:, 0] / count[:, None, None]
     sessions = np.bincount(of_cell)
     template = sum_by(of_cell, cell_mean, len(sessions)) / sessions[:, None, None]
     signal = template - template[:, :1] if J > 1 else template
     centred = signal - signal.mean(axis=(1, 2), keepdims=True)
     spread = (centred**2).sum(axis=(1, 2))
-    within = samples - cell_mean[cell]
-    used = spread > _SPREAD * (template**2).sum(axis=(1, 2))
-    rest = _rest(within, signal[classes], used[classes])
-    noise = _noise_of_template(rest, classes, cell, count) * (2 if J > 1 else 1)
-    used &= spread > _FLAT * J * K * noise
+    varies = spread > _SPREAD * (template**2).sum(axis=(1, 2))
+
+    def of_block(block: NDArray[np.float64], which: slice) -> NDArray[np.float64]:
+        """Mean square of what nothing explains, gain and offset, and their scatter over taxels, shape (n, 5)."""
+        index, found = classes[which], np.full((len(block), 5), np.nan)
+        within, chosen = block - cell_mean[cell[which]], varies[index]
+        found[:, 0] = (_rest(within, signal[index], chosen) ** 2).mean(axis=(1, 2))
+        if chosen.any():
+            index, block = index[chosen], block[chosen]
+            deviation = block - template[index]
+            single = count[cell[which][chosen]] == 1
+            scatter = np.where(single[:, None, None], deviation, within[chosen])
+            found[chosen, 1:3], found[chosen, 3:] = _regress(deviation, signal[index]), _scatter(scatter, signal[index])
+        return found
+
+    square, *value, gain, offset = np.concatenate(list(parts.over_blocks(of_block))).T
+    noise = _noise_of_template(square, classes, cell, count) * (2 if J > 1 else 1)
+    used = varies & (spread > _FLAT * J * K * noise)
     amplitude = float(np.sqrt((signal[used] ** 2).mean())) if used.any() else 0.0
-    value, error = np.full((2, N), np.nan), np.full((2, N), np.nan)
     chosen = used[classes]
+    value, error = np.where(chosen, value, np.nan), np.full((2, len(cell)), np.nan)
     if chosen.any():
-        index, deviation = classes[chosen], samples[chosen] - template[classes[chosen]]
-        value[:, chosen] = _regress(deviation, signal[index]).T
         single = count[cell[chosen]] == 1
         freedom = np.where(single, 1.0, 1 - 1 / count[cell[chosen]])
-        scatter = np.where(single[:, None, None], deviation, within[chosen])
-        error[:, chosen] = _pooled(_scatter(scatter, signal[index]).T / freedom, cell[chosen], index, single)
+        scatter = np.stack([gain, offset])[:, chosen] / freedom
+        error[:, chosen] = _pooled(scatter, cell[chosen], classes[chosen], single)
     return TapGains(value, error, amplitude, used, bool(used.any()), K > 1)
 
 
@@ -207,8 +228,11 @@ def _rest(
 def _noise_of_template(
     rest: NDArray[np.float64], classes: NDArray[np.intp], cell: NDArray[np.intp], count: NDArray[np.intp]
 ) -> NDArray[np.float64]:
-    """Variance of a sample of each class's mean tap, shape (C,); 0 where no two taps of a cell show it."""
-    square = np.bincount(classes, weights=(rest**2).mean(axis=(1, 2)))
+    """Variance of a sample of each class's mean tap, shape (C,), from the mean square of what is left of each tap.
+
+    0 where no two taps of a cell show it.
+    """
+    square = np.bincount(classes, weights=rest)
     freedom = np.bincount(classes, weights=1 - 1 / count[cell])
     return square / np.maximum(freedom, 1e-9) / np.bincount(classes)
 

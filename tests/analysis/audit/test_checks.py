@@ -125,7 +125,7 @@ def test_many_taps_have_fewer_replicates():
 
     class Sized:
         def __init__(self, size):
-            self.taps = np.broadcast_to(0.0, (size,))
+            self.samples = np.broadcast_to(0.0, (size,))
 
     assert count_replicates(Sized(1000)) == 100
     assert count_replicates(Sized(1000), 30) == 30
