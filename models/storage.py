@@ -4,6 +4,7 @@ Output is first written under a temporary name in the target folder and moved in
 interrupted command leaves no incomplete file.
 """
 
+import errno
 import json
 import os
 import shutil
@@ -11,12 +12,13 @@ import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 from .errors import InputError
 
 if TYPE_CHECKING:
     import xarray as xr
+    from numpy.typing import DTypeLike, NDArray
 
 
 def check_writable(path: str | Path, force: bool = False) -> Path:
@@ -84,6 +86,31 @@ def write_groups(groups: "Mapping[str, xr.Dataset]", path: str | Path, force: bo
 
 ON_DISK = 1 << 28
 """Bytes above which samples stay on disk."""
+
+
+def spooled(
+    parts: Iterable[Any], shape: tuple[int, ...], dtype: "DTypeLike", order: Literal["C", "F"] = "C"
+) -> "NDArray[Any] | None":
+    """Array in a file of the folder for temporary files (TMPDIR), which goes with the array; `None` without room there.
+
+    Args:
+        parts: Its bytes, one part after the other.
+        shape: Its shape.
+        dtype: Its type.
+        order: Whether the last axis runs fastest, or the first.
+    """
+    import numpy as np  # noqa: PLC0415
+
+    with tempfile.TemporaryFile() as file:
+        try:
+            for part in parts:
+                file.write(part)
+            file.flush()
+        except OSError as error:
+            if error.errno != errno.ENOSPC:
+                raise
+            return None
+        return np.memmap(file, dtype, "r", 0, shape, order)
 
 
 def read_groups(path: str | Path, names: Iterable[str], on_disk: str = "") -> "dict[str, xr.Dataset]":

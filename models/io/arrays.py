@@ -29,6 +29,7 @@ import struct
 import zipfile
 import zlib
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +38,7 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from .. import storage
+from ..blocks import BLOCK
 from ..errors import InputError
 from ..settings import Missing
 from .recording import Labels, Recording, as_samples
@@ -217,7 +219,7 @@ _DAMAGE = (zipfile.BadZipFile, zlib.error, OSError, EOFError, ValueError, Runtim
 
 
 def read_npz(path: Path) -> dict[str, NDArray[Any]]:
-    """Arrays of an archive; a large one that is not compressed is mapped, so that it need not fit into memory.
+    """Arrays of an archive; a large one is mapped, so that it need not fit into memory, a compressed one once unpacked.
 
     Raises:
         InputError: The file is not an archive, is damaged, or contains pickled objects.
@@ -233,27 +235,35 @@ def read_npz(path: Path) -> dict[str, NDArray[Any]]:
         raise InputError(f"damaged npz archive ({error}).") from error
 
 
-def _mapped(path: Path, member: zipfile.ZipInfo) -> NDArray[Any] | None:
-    """Large array as a map of its file, whose checksum is not compared; `None` for one that must be read instead."""
-    if member.compress_type != zipfile.ZIP_STORED or member.file_size <= storage.ON_DISK:
+def _mapped(path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any] | None:
+    """Large array as a map of its file, whose checksum is not compared, or of a temporary one if it is compressed.
+
+    `None` for one that must be read instead.
+    """
+    if member.file_size <= storage.ON_DISK:
         return None
-    with path.open("rb") as file:
-        file.seek(member.header_offset + _NAME_LENGTH)
-        name, extra = struct.unpack("<HH", file.read(4))
-        file.seek(name + extra, os.SEEK_CUR)
+    stored = member.compress_type == zipfile.ZIP_STORED
+    with path.open("rb") if stored else archive.open(member) as file:
+        if stored:
+            file.seek(member.header_offset + _NAME_LENGTH)
+            name, extra = struct.unpack("<HH", file.read(4))
+            file.seek(name + extra, os.SEEK_CUR)
         header = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}.get(npy.read_magic(file))
         if header is None:
             return None
         shape, by_column, dtype = header(file)
         if dtype.hasobject:
             return None
-        return np.memmap(path, dtype, "r", file.tell(), shape, "F" if by_column else "C")
+        order = "F" if by_column else "C"
+        if stored:
+            return np.memmap(path, dtype, "r", file.tell(), shape, order)
+        return storage.spooled(iter(partial(file.read, BLOCK), b""), shape, dtype, order)
 
 
 def _member(path: Path, archive: Any, name: str) -> NDArray[Any]:
     try:
         member = archive.zip.NameToInfo.get(f"{name}.npy")
-        mapped = None if member is None else _mapped(path, member)
+        mapped = None if member is None else _mapped(path, archive.zip, member)
         values = archive[name] if mapped is None else mapped
     except ValueError as error:
         if "allow_pickle" in str(error):

@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import storage
+from ..blocks import BLOCK
 from ..errors import InputError
 from .arrays import KNOWN, ROW_VECTORS, TABLE_VECTORS, TEXTS
 
@@ -101,7 +103,18 @@ def _read_node(file: Any, node: Any) -> Content:
         if not all(_class_of(cell) == "char" for cell in cells):
             return "cell array with other content than one text per cell"
         return np.array(["".join(_texts(cell)) for cell in cells], dtype=np.str_)
-    return np.array(_texts(node), dtype=np.str_) if kind == "char" else node[()].T
+    return np.array(_texts(node), dtype=np.str_) if kind == "char" else _numbers(node)
+
+
+def _numbers(node: Any) -> NDArray[Any]:
+    """The array of a numeric variable; a large one in a temporary file, written in blocks of whole chunks."""
+    found = None
+    if node.ndim and node.nbytes > storage.ON_DISK and node.dtype.names is None:
+        n, chunk = node.shape[-1], node.chunks[-1] if node.chunks else 1
+        step = -(-max(1, BLOCK * n // node.nbytes) // chunk) * chunk
+        parts = (np.ascontiguousarray(node[..., start : start + step].T).data for start in range(0, n, step))
+        found = storage.spooled(parts, node.shape[::-1], node.dtype)
+    return node[()].T if found is None else found
 
 
 def _class_of(node: Any) -> str:

@@ -17,6 +17,7 @@ from ..blocks import over_blocks
 from ..errors import InputError
 from ..preprocessing import Preprocessing
 from ..settings import Missing
+from ..storage import spooled
 from ..tap_checks import not_finite
 from ..taps import TapSet
 
@@ -125,7 +126,7 @@ def as_samples(name: str, values: NDArray[Any], missing: Missing = "refuse") -> 
     if values.dtype.kind not in "fiub":
         raise InputError(f"array {name} must hold real numbers, got {values.dtype}.")
     if values.dtype not in (np.float32, np.float64):
-        values = values.astype(np.float32 if values.dtype == np.float16 else np.float64)
+        values = _as_floats(values, np.dtype(np.float32 if values.dtype == np.float16 else np.float64))
     rows = np.atleast_1d(values)
     for which, bad in over_blocks(rows, lambda block, which: (which, _refused(block, missing))):
         if len(bad):
@@ -134,6 +135,15 @@ def as_samples(name: str, values: NDArray[Any], missing: Missing = "refuse") -> 
             where = ", ".join(str(int(i)) for i in place)
             raise InputError(f"{name}[{where}] is {value}; {not_finite(value, sample=True)}")
     return values
+
+
+def _as_floats(values: NDArray[Any], kind: np.dtype[Any]) -> NDArray[np.floating]:
+    """Numbers as floats; those of a mapped file in a temporary one."""
+    found = None
+    if isinstance(values, np.memmap):
+        parts = over_blocks(values, lambda block, _: np.ascontiguousarray(block, kind).data)
+        found = spooled(parts, values.shape, kind)
+    return values.astype(kind) if found is None else found
 
 
 def _refused(values: NDArray[np.floating], missing: Missing) -> NDArray[np.intp]:

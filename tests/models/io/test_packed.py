@@ -1,0 +1,120 @@
+"""Large recordings that are compressed, of integers or of MATLAB are unpacked into temporary files."""
+
+import errno
+import os
+from functools import partial
+from types import SimpleNamespace
+
+import h5py
+import numpy as np
+import pytest
+from solidtouch.models import storage
+from solidtouch.models.errors import InputError
+from solidtouch.models.io import arrays as archives
+from solidtouch.models.io import mat
+from solidtouch.models.io.load import load_taps
+from solidtouch.models.taps import TapSet
+
+KINDS = {"single": np.float32, "integers": np.int16}
+
+
+def npz(path, arrays, _):
+    np.savez_compressed(path, **arrays)
+
+
+def npz_by_column(path, arrays, _):
+    np.savez_compressed(path, **arrays | {"taps": np.asfortranarray(arrays["taps"])})
+
+
+def in_mat(chunks):
+    def write(path, arrays, to_mat):
+        to_mat(path)
+        with h5py.File(path, "r+") as file:
+            told = dict(file["taps"].attrs)
+            del file["taps"]
+            file.create_dataset("taps", data=arrays["taps"].T, chunks=chunks, compression="gzip" if chunks else None)
+            file["taps"].attrs.update(told)
+
+    return write
+
+
+FILES = {
+    "npz": ("taps.npz", npz),
+    "npz by column": ("taps.npz", npz_by_column),
+    "mat": ("taps.mat", in_mat(None)),
+    "mat in chunks": ("taps.mat", in_mat((2, 3, 5))),
+}
+
+
+@pytest.fixture(params=FILES.values(), ids=FILES)
+def packed(request, writers, monkeypatch, tmp_path):
+    """From a tap set and a type to a file that is unpacked seven taps at a time, and its samples."""
+    name, write = request.param
+
+    def made(taps, arrays, kind):
+        arrays["taps"] = np.round(20 * arrays["taps"]).astype(kind)
+        write(tmp_path / name, arrays, partial(writers["mat73"][1], taps))
+        monkeypatch.setattr(storage, "ON_DISK", 1000)
+        for module in (archives, mat):
+            monkeypatch.setattr(module, "BLOCK", 7 * arrays["taps"][0].nbytes)
+        return tmp_path / name, arrays["taps"]
+
+    return made
+
+
+@pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
+def test_samples_stay_on_disk(packed, make_taps, arrays_of, kind, monkeypatch):
+    """Until somebody asks for them."""
+    taps = make_taps()
+    path, samples = packed(taps, arrays_of(taps), kind)
+    with monkeypatch.context() as patched:
+        patched.setattr(TapSet, "taps", property(lambda _: pytest.fail("all samples were asked for")))
+        large = load_taps(path)
+    assert large.samples.dtype == (np.float64 if kind is np.int16 else np.float32)
+    np.testing.assert_array_equal(large.samples.values, samples)
+
+
+def test_without_room_they_come_into_memory(packed, make_taps, arrays_of, monkeypatch):
+    """Where the folder for temporary files is full."""
+    taps = make_taps()
+    path, samples = packed(taps, arrays_of(taps), np.float32)
+    monkeypatch.setattr(storage, "tempfile", SimpleNamespace(TemporaryFile=lambda: Full(errno.ENOSPC)))
+    np.testing.assert_array_equal(load_taps(path).taps, samples)
+
+
+def test_other_failures_are_told(packed, make_taps, arrays_of, monkeypatch):
+    taps = make_taps()
+    path, _ = packed(taps, arrays_of(taps), np.float32)
+    monkeypatch.setattr(storage, "tempfile", SimpleNamespace(TemporaryFile=lambda: Full(errno.EIO)))
+    with pytest.raises(InputError, match=r"taps\.(npz|mat): .*Input/output error"):
+        load_taps(path)
+
+
+def test_a_damaged_member_is_found_where_it_is_unpacked(make_taps, arrays_of, monkeypatch, tmp_path):
+    """By its checksum, as in memory."""
+    path = tmp_path / "taps.npz"
+    npz(path, arrays_of(make_taps()), None)
+    content = bytearray(path.read_bytes())
+    at = content.index(b"taps.npy") + 3000
+    content[at : at + 40] = bytes(40)
+    path.write_bytes(content)
+    for limit in (storage.ON_DISK, 1000):
+        monkeypatch.setattr(storage, "ON_DISK", limit)
+        with pytest.raises(InputError, match=r"taps\.npz: array taps is damaged"):
+            load_taps(path)
+
+
+class Full:
+    """A temporary file that cannot be written."""
+
+    def __init__(self, number):
+        self.number = number
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        pass
+
+    def write(self, _):
+        raise OSError(self.number, os.strerror(self.number))
