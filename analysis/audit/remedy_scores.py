@@ -16,7 +16,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from ...inference.filter import share
-from ...inference.trials.judged_sequences import Sequences, log_beliefs, without_replacement
+from ...inference.trials.judged_sequences import Sequences, log_beliefs, sum_taps, without_replacement
 from ...inference.trials.records import TapTable, tap_table
 from ...inference.trials.resampling import (
     CONFIDENCE,
@@ -383,9 +383,7 @@ def _log_belief(
     """Log belief in the true object, or where there is one in the true place of `grid`, after each sequence, (Q,)."""
     where, what = classes
     (Q, n), (L, H), M = drawn.shape, table.log_prior.shape, remedy.grid.M
-    sums = np.zeros((Q, L * H))
-    for tap in drawn.T:
-        sums += table.log_likelihood.reshape(-1, L * H)[tap]
+    sums = sum_taps(table.log_likelihood.reshape(-1, L * H), drawn)
     if M > 1:
         group, true = np.tile(np.arange(H) % M, L), what
     else:

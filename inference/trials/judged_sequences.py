@@ -77,7 +77,7 @@ class Sequences(NamedTuple):
                 chosen = np.array(drawn)
             else:
                 chosen = members[np.newaxis]
-            sums.append(values[chosen].sum(axis=1))
+            sums.append(sum_taps(values, chosen))
             first += [members[0]] * len(chosen)
             weight += [len(members) / len(chosen)] * len(chosen)
             shares += [share(chosen.shape[1], model.saturation)] * len(chosen)
@@ -154,6 +154,22 @@ def without_replacement(
     shuffles = 2 * -(-draws // (2 * parts))
     shuffled = generator.permuted(np.broadcast_to(group, (shuffles, len(group))), axis=1)[:, : parts * n]
     return shuffled.reshape(shuffles, parts, n).swapaxes(0, 1).reshape(-1, n)
+
+
+def sum_taps(log_likelihood: Floats, chosen: NDArray[np.integer]) -> Floats:
+    """Sum of the rows of taps (N, C) over each sequence of them (Q, n), shape (Q, C)."""
+    sums = np.empty((len(chosen), log_likelihood.shape[1]))
+    _sum_taps(np.ascontiguousarray(log_likelihood), np.asarray(chosen, dtype=np.int64), sums)
+    return sums
+
+
+@compiled
+def _sum_taps(log_likelihood: Floats, chosen: NDArray[np.int64], sums: Floats) -> None:
+    sums[:] = 0.0
+    for q in range(len(chosen)):
+        for tap in chosen[q]:
+            for c in range(sums.shape[1]):
+                sums[q, c] += log_likelihood[tap, c]
 
 
 @compiled

@@ -21,7 +21,7 @@ variance is known widens the interval.
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -429,7 +429,9 @@ def play_resamples(
         return played, plan
 
     def both(pool: TapPool, stream: int) -> tuple[Mapping[str, Floats], ...]:
-        return reduce(*played_on(pool, half, stream)), reduce(*played_on(pool, half, stream + half))
+        played, plan = played_on(pool, 2 * half, stream)
+        halves = slice(half), slice(half, None)
+        return tuple(reduce(_part(played, rows), _part(plan, rows)) for rows in halves)
 
     first, *pools = (thinned_pools if fresh else resampled_pools)(table, resamples, seed)
     played, plan = played_on(first, trials, 0)
@@ -444,6 +446,11 @@ def play_resamples(
             progress(2 * half)
     samples = {name: _layered(estimate[name], [[h[name] for h in pair] for pair in halves]) for name in estimate}
     return ResampledTrials(samples, tuple(reduce(one, plan) for one in endings(played, plan)))
+
+
+def _part(records: Any, rows: slice) -> Any:
+    """Some rows of `Trials` or of a `TrialPlan`."""
+    return type(records)(*(column[rows] for column in records))
 
 
 def _half(trials: int, resample_trials: int) -> int:

@@ -313,6 +313,8 @@ def _climb(
 def _usable(model: TapModel, taps: TapSet) -> TapSet | None:
     """Taps of trained classes, if any."""
     known = model.known(taps)
+    if known.all():
+        return taps
     return taps.select(known) if known.any() else None
 
 
@@ -324,9 +326,11 @@ def _judged(model: TapModel, held_out: Sequence[TapSet]) -> tuple[tuple[int, ...
         usable = _usable(model, taps)
         if usable is None:
             continue
-        for session in np.unique(usable.session).tolist():
+        apart = np.unique(usable.session).tolist()
+        for session in apart:
             sessions.append(session)
-            judged.append(JudgedSession.by(model, usable.select(usable.session == session)))
+            own = usable if len(apart) == 1 else usable.select(usable.session == session)
+            judged.append(JudgedSession.by(model, own))
     if not judged:
         raise InputError("No held-out tap belongs to a trained class, so nothing can be learned.")
     return tuple(sessions), judged
