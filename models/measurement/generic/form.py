@@ -4,7 +4,7 @@ The model's own function is run by NumPyro for one tap of one class, with bins i
 vectorised over classes and taps. Nothing is known of the model but the contract.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import chain
@@ -30,7 +30,6 @@ from .runs import (
     refuse_wrong,
     under_all,
     under_own,
-    under_own_in_sessions,
 )
 
 _AT_ONCE = 1 << 22  # samples under classes that one step holds
@@ -46,7 +45,7 @@ class GenericForm:
         scaling: Units in which it describes samples.
         gain: Of each state, shape (S,).
         offset: Likewise.
-        session: Training session of each state, S of them; default all are at perception.
+        session: Index of the session of each state, S of them; default all are at perception.
     """
 
     program: Program
@@ -54,7 +53,7 @@ class GenericForm:
     scaling: Scaling
     gain: NDArray[np.float64] = field(default_factory=lambda: np.ones(1))
     offset: NDArray[np.float64] = field(default_factory=lambda: np.zeros(1))
-    session: tuple[int, ...] | None = None
+    session: tuple[int, ...] = ()
 
     @classmethod
     def in_sessions(cls, program: Program, given: Given, scaling: Scaling) -> "GenericForm":
@@ -75,6 +74,11 @@ class GenericForm:
             each = {id(one): jax.tree.map(partial(jnp.asarray, dtype=jnp.float64), one) for one in self.given}
         return tuple(each[id(one)] for one in self.given)
 
+    @property
+    def sessions(self) -> NDArray[np.intp]:
+        """Index of the session of each state, shape (S,)."""
+        return np.array(self.session or [self.program.sessions] * len(self.gain))
+
     exchangeable = False
     """Whether a tap may have any number of samples."""
 
@@ -89,11 +93,14 @@ class GenericForm:
 
     @staticmethod
     def joined(parts: Sequence["GenericForm"]) -> "GenericForm":
-        """Form over the hypotheses of the same model in several states at perception, one after another."""
+        """Form over the hypotheses of the same model in several states, one after another."""
         gain, offset = (
             np.concatenate(values) for values in zip(*((part.gain, part.offset) for part in parts), strict=True)
         )
-        return replace(parts[0], given=sum((part.given for part in parts), ()), gain=gain, offset=offset)
+        given, session = (
+            sum(values, ()) for values in zip(*((part.given, part.session) for part in parts), strict=True)
+        )
+        return replace(parts[0], given=given, gain=gain, offset=offset, session=session)
 
     def log_probability(self, tap: jax.Array, edges: jax.Array, where: Any, hypothesis: Any) -> jax.Array:
         """Log probability of the bins of one tap (J, K) under one hypothesis, in JAX."""
@@ -121,7 +128,7 @@ class GenericForm:
         With training sessions, shape (L, S M, K, B).
         """
         L, M, _, K = self.program.batch.shape
-        session = (self.program.sessions,) if self.session is None else self.session
+        session = tuple(self.sessions.tolist())
         edges = np.broadcast_to(edges, (K, edges.shape[-1]))
         centres = 0.5 * (edges[:, :-1] + edges[:, 1:])
         with jax.enable_x64(True):
@@ -136,15 +143,14 @@ class GenericForm:
         """Log probability of the bins of taps (N, J, K) under their own hypotheses, shape (N,)."""
         _, M, J, K = self.program.batch.shape
         state, what = np.divmod(what, M)
-        out, step = np.empty(len(taps)), max(1, _AT_ONCE // (J * K))
-        told = self.session is not None
+        sessions, out, step = self.sessions[state], np.empty(len(taps)), max(1, _AT_ONCE // (J * K))
         with jax.enable_x64(True):
-            for s in [0] if told else np.unique(state):
-                for rows in _blocks(np.flatnonzero((state == s) | told), step):
+            for same in _alike(zip(map(id, self.known), self.gain, self.offset, strict=True), state):
+                for rows in _blocks(same, step):
+                    s = state[rows[0]]
                     seen = self._scaled(_on_device(taps[rows], edges), s)
-                    given = self.program, self.known[s], seen, where[rows], what[rows]
-                    session = tuple(state[rows].tolist())
-                    out[rows] = under_own_in_sessions(*given, session) if told else under_own(*given)
+                    session = tuple(sessions[rows].tolist())
+                    out[rows] = under_own(self.program, self.known[s], seen, where[rows], what[rows], session)
         refuse_wrong(self.program, out, where, what)
         return out
 
@@ -158,12 +164,12 @@ class GenericForm:
     ) -> NDArray[np.float64]:
         """Taps under hypotheses (N,), shape (N, J, K)."""
         state, what = np.divmod(what, self.program.batch.shape[1])
-        session = None if self.session is None else tuple(state.tolist())
-        taps = np.empty((len(where), J, len(self.scaling.unit)))
+        taps, sessions = np.empty((len(where), J, len(self.scaling.unit))), self.sessions[state]
         with jax.enable_x64(True):
-            for rows in _alike([id(self.known[s]) for s in state]):
+            for rows in _alike(map(id, self.known), state):
                 filled = np.resize(rows, _power_of_two(len(rows), len(where)))  # few sizes, as each is compiled
                 classes = jnp.asarray(where[filled]), jnp.asarray(what[filled])
+                session = tuple(sessions[filled].tolist())
                 made = drawn(self.program, self.known[state[rows[0]]], J, *classes, key_from(generator), session)
                 taps[rows] = made[: len(rows)]
         taps = taps * self.scaling.unit + self.scaling.centre
@@ -213,10 +219,11 @@ def _first(taps: Binned) -> Binned:
     return Binned(*(part[0] for part in taps))
 
 
-def _alike(keys: Sequence[int]) -> list[NDArray[np.intp]]:
-    """Indices of equal keys."""
-    number = np.unique(keys, return_inverse=True)[1]
-    return [np.flatnonzero(number == one) for one in range(number.max(initial=-1) + 1)]
+def _alike(keys: Iterable[Any], state: NDArray[np.intp]) -> list[NDArray[np.intp]]:
+    """Indices of taps in states (N,) with equal keys, in the order of the first state of each."""
+    number: dict[Any, int] = {}
+    of_tap = np.array([number.setdefault(key, len(number)) for key in keys])[state]
+    return [np.flatnonzero(of_tap == one) for one in np.unique(of_tap)]
 
 
 def _power_of_two(number: int, most: int) -> int:

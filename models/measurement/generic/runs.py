@@ -43,11 +43,17 @@ class Program:
         session = np.full(np.shape(where), self.sessions) if session is None else session
         return replace(self.batch, where=where, what=what, session=session)
 
-    def in_sessions(self, where: Any, what: Any, session: Sequence[int] | NDArray[np.intp]) -> StoryCall:
-        """Arguments for taps of these sessions, behind which there is one more, in the session at perception.
+    def at_perception(self, session: Sequence[int]) -> bool:
+        """Whether taps of these sessions are all in that at perception."""
+        return set(session) == {self.sessions}
+
+    def in_sessions(self, where: Any, what: Any, session: Sequence[int]) -> StoryCall:
+        """Arguments for taps of these sessions, and of a further one at perception unless all are.
 
         Without it, what belongs to sessions would have fewer of them than its latent variables.
         """
+        if self.at_perception(session):
+            return self.of(where, what)
         return self.of(_and_last(where), _and_last(what), np.append(session, self.sessions))
 
 
@@ -119,20 +125,15 @@ def under_all(program: Program, given: Given, taps: Binned) -> jax.Array:
     return jax.vmap(lambda one: each(one, where, what))(taps)
 
 
-@partial(jax.jit, static_argnums=0)
-def under_own(program: Program, given: Given, taps: Binned, where: jax.Array, what: jax.Array) -> jax.Array:
-    """Log probability of taps (n, J, K) under their own classes, shape (n,)."""
-    return jax.vmap(lambda one, l, m: log_probability(program, given, one, l, m))(taps, where, what)
-
-
 @partial(jax.jit, static_argnums=(0, 5))
-def under_own_in_sessions(
+def under_own(
     program: Program, given: Given, taps: Binned, where: jax.Array, what: jax.Array, session: tuple[int, ...]
 ) -> jax.Array:
-    """Log probability of taps (n, J, K) under their own classes in their training sessions, shape (n,)."""
-    if program.structure.enumerated:
-        each = jax.vmap(lambda *own: log_probability(program, given, *own))
-        return each(taps, where, what, jnp.asarray(session))
+    """Log probability of taps (n, J, K) under their own classes in their sessions, shape (n,)."""
+    one_by_one = program.at_perception(session)
+    if one_by_one or program.structure.enumerated:
+        known = (where, what) if one_by_one else (where, what, jnp.asarray(session))
+        return jax.vmap(lambda *own: log_probability(program, given, *own))(taps, *known)
     seen = Binned(*map(_and_last, taps))
     censored = _censored(program, given, program.in_sessions(where, what, session), seen)
     site = trace(_observed(censored)).get_trace()[OBSERVED]
@@ -145,18 +146,19 @@ def bin_table(program: Program, given: Given, bins: Binned, session: tuple[int, 
     """Log probability of every bin (1, B, K) of exchangeable samples, shape (S L M, B, K)."""
     L, M, J, K = program.batch.shape
     sessions, where, what = (axis.ravel() for axis in np.meshgrid(session, np.arange(L), np.arange(M), indexing="ij"))
-    story = _run(program, given, program.in_sessions(where, what, sessions), jnp.zeros((len(where) + 1, J, K)))
+    batch = program.in_sessions(where, what, sessions.tolist())
+    story = _run(program, given, batch, jnp.zeros((len(batch.where), J, K)))
     log_prob = InBin(peeled(trace(_observed(story)).get_trace()[OBSERVED]["fn"]), bins, given.least).log_prob(0.0)
-    return jnp.broadcast_to(log_prob, (len(where) + 1, *bins.samples.shape[1:]))[:-1]
+    return jnp.broadcast_to(log_prob, (len(batch.where), *bins.samples.shape[1:]))[: len(where)]
 
 
 @partial(jax.jit, static_argnums=(0, 2, 6))
 def drawn(
-    program: Program, given: Given, J: int, where: Any, what: Any, key: Any, session: tuple[int, ...] | None = None
+    program: Program, given: Given, J: int, where: Any, what: Any, key: Any, session: tuple[int, ...]
 ) -> jax.Array:
-    """Samples (N, J, K) of taps of known class, by default in the session at perception."""
+    """Samples (N, J, K) of taps of known class in their sessions."""
     L, M, _, K = program.batch.shape
-    batch = program.of(where, what) if session is None else program.in_sessions(where, what, session)
+    batch = program.in_sessions(where, what, session)
     value = trace(_run(program, given, replace(batch, shape=(L, M, J, K)), None, key)).get_trace()[OBSERVED]["value"]
     return (jnp.swapaxes(value, 1, 2) if program.structure.swapped else value)[: len(where)]
 

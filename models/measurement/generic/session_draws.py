@@ -87,8 +87,9 @@ def enough_sessions(
         error = error_of(model)
     if not error > _LARGE_ERROR:  # or not known
         return model, ""
+    told = f"{error:.2g}" if error < 100 else f"{error:.0f}"
     names = ", ".join(model.program.structure.by_session)
     return model, (
         f"What belongs to a new session ({names}) is one of {draws} draws, by which the log evidence of {_TAPS} taps "
-        f"is off by about {error:.2g} nats; more draws, --integrate D, and fewer such variables make it more exact."
+        f"is off by about {told} nats; more draws, --integrate D, and fewer such variables make it more exact."
     )

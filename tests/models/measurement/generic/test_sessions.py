@@ -22,7 +22,9 @@ from solidtouch.models.measurement.generic.structure import structure_of
 from solidtouch.models.measurement.likelihood.bins import find_bins
 from solidtouch.models.measurement.likelihood.story_likelihood import log_likelihoods as by_story
 from solidtouch.models.measurement.likelihood.true_class import OwnTaps
+from solidtouch.models.measurement.model import in_states
 from solidtouch.models.measurement.registry import check_states, fit_model, model_name
+from solidtouch.models.measurement.states import States
 from solidtouch.models.settings import FitSettings
 
 L, M, J, K, S = 2, 2, 2, 2, 3
@@ -143,6 +145,23 @@ def test_training_taps_are_judged_and_replicated_in_their_own_session(shift_of, 
     mean = level[::5, None, None] + rise
     expected = sum(p * stats.norm.sf(inner - (mean + move)[..., None]).sum(axis=-1) for p, move in moves)
     assert np.abs(many.mean(axis=0) - expected).max() < 5 * many.std() / np.sqrt(len(many))
+
+
+def test_training_sessions_are_kept_beside_gains(fitted):
+    """Of a session as a covariate, in `session:`."""
+    taps, fit, _ = fitted(trend, "rising")
+    own, edges, plain = taps.indices(fit.model.grid), fit.model.edges, fit.model.training_form()
+    states = States(np.array([1.0, 2.0]), np.array([0.0, 3.0]), np.log([0.5, 0.5]))
+    form = in_states(plain, states, edges)
+    hypothesis = np.arange(len(taps)) % S * M + own[1]
+
+    alike = [one.own(taps.taps, edges, own[0], hypothesis) for one in (form, plain)]
+    np.testing.assert_allclose(*alike)
+    moved = plain.own((taps.taps - 3.0) / 2.0, (edges - 3.0) / 2.0, own[0], hypothesis)
+    np.testing.assert_allclose(form.own(taps.taps, edges, own[0], hypothesis + S * M), moved)
+    cases = (plain, 0), (form, S * M)
+    made = [one.sample(own[0], hypothesis + more, edges, J, np.random.default_rng(0)) for one, more in cases]
+    np.testing.assert_allclose(made[1], 2.0 * made[0] + 3.0)
 
 
 def test_a_tap_of_a_session_that_trained_nothing_has_no_session_of_its_own(fitted):
