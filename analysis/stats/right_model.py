@@ -21,6 +21,7 @@ from ...inference.moves.control import check_fixation
 from ...inference.trials.records import TapTable, plan_trials
 from ...inference.trials.run import LoopPlayer, empty_trials, make_rule
 from ...models import seeds
+from ...models.measurement.likelihood.bins import PreparedTable, TableForm
 from ...models.measurement.model import TapModel
 from ...models.setting_file import Setting
 from ...models.settings import PlaySettings
@@ -212,11 +213,20 @@ def drawn_table(model: TapModel, table: TapTable, generator: np.random.Generator
     pool = table.pool
     count = pool.count.ravel()
     where, what = (np.repeat(index.ravel(), count) for index in np.indices(pool.count.shape))
-    taps = drawn_taps(model, where, what, np.zeros(len(where), dtype=np.intp), generator)
+    session = np.zeros(len(where), dtype=np.intp)
+    form, prepared = model.form, model.prepared
+    if isinstance(form, TableForm) and isinstance(
+        prepared, PreparedTable
+    ):  # samples would only be put into the same bins again
+        hypothesis = _hypotheses(model, what, session, generator)
+        bins = form.sample_bins(where, hypothesis, model.preprocessing.samples, generator)
+        log_likelihood = prepared.of_bins(bins, model.exponent)
+    else:
+        log_likelihood = model.log_likelihood(drawn_taps(model, where, what, session, generator))
     first = (np.cumsum(count) - count).reshape(pool.count.shape)
     return table._replace(
-        log_likelihood=model.log_likelihood(taps),
-        pool=pool._replace(order=np.arange(len(taps)), first=first),
+        log_likelihood=log_likelihood,
+        pool=pool._replace(order=np.arange(len(where)), first=first),
         session=None,
     )
 
@@ -236,6 +246,14 @@ def drawn_taps(
     generator: np.random.Generator,
 ) -> Floats:
     """Taps of given classes drawn from the model, those of a session (from 0 on) in one state; shape (N, J, K)."""
+    hypothesis = _hypotheses(model, what, session, generator)
+    return model.form.sample(where, hypothesis, model.edges, model.preprocessing.samples, generator)
+
+
+def _hypotheses(
+    model: TapModel, what: NDArray[np.intp], session: NDArray[np.intp], generator: np.random.Generator
+) -> NDArray[np.intp]:
+    """Objects in the states drawn for their sessions, shape (N,)."""
     chance = np.exp(model.states.log_prior)
     state = generator.choice(len(chance), size=session.max() + 1, p=chance)[session]
-    return model.form.sample(where, state * model.grid.M + what, model.edges, model.preprocessing.samples, generator)
+    return state * model.grid.M + what

@@ -1,7 +1,7 @@
 """Bins of sample values, histograms of taps, and their likelihood from tables; Eq. 1 and the text around Eq. 2."""
 
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from threading import Lock
 from typing import Any, NamedTuple, Self
 
@@ -109,20 +109,45 @@ def count_taps(samples: NDArray[np.floating], edges: NDArray[np.float64]) -> Ite
     Raises:
         InputError: A sample is infinite.
     """
-    from .counting import count, find
+    from .counting import find
 
-    N, J, K = samples.shape
+    _, J, K = samples.shape
     layout = _layout(edges, K)
+
+    def cells_of(part: NDArray[np.floating]) -> NDArray[np.int64]:
+        cells = np.empty((len(part), J * K), dtype=np.int64)
+        if find(_plain(part.reshape(len(part), J * K)), *layout, cells) > 1:
+            raise InputError(NOT_FINITE)
+        return cells
+
+    yield from _counted(samples, cells_of, len(layout.lower))
+
+
+def count_bins(bins: NDArray[np.integer], B: int) -> Iterator[tuple[slice, SparseCounts]]:
+    """As `count_taps` from bins (N, J, K) of B for each taxel; a bin of -1 does not count."""
+    _, J, K = bins.shape
+    first = np.arange(K) * B
+
+    def cells_of(part: NDArray[np.integer]) -> NDArray[np.int64]:
+        return np.where(part < 0, -1, part + first).reshape(len(part), J * K)
+
+    yield from _counted(bins, cells_of, K * B)
+
+
+def _counted(
+    taps: NDArray[Any], cells_of: Callable[[NDArray[Any]], NDArray[np.int64]], most: int
+) -> Iterator[tuple[slice, SparseCounts]]:
+    """Counts of taps in chunks, from the cells of their samples, fewer than `most`."""
+    from .counting import count
+
+    N, J, K = taps.shape
     step = max(1, min(N, _SAMPLES // max(1, J * K)))
-    cells, held = np.empty((step, J * K), dtype=np.int64), np.zeros(len(layout.lower), dtype=np.int64)
+    held = np.zeros(most, dtype=np.int64)
     counts = SparseCounts(np.empty(step + 1, np.int64), np.empty(step * J * K, np.int64), np.empty(step * J * K))
     for start in range(0, N, step):
-        part = samples[start : start + step]
-        found = cells[: len(part)]
-        if find(_plain(part.reshape(len(part), J * K)), *layout, found) > 1:
-            raise InputError(NOT_FINITE)
-        count(found, held, *counts)
-        yield slice(start, start + len(part)), counts._replace(first=counts.first[: len(part) + 1])
+        cells = cells_of(taps[start : start + step])
+        count(cells, held, *counts)
+        yield slice(start, start + len(cells)), counts._replace(first=counts.first[: len(cells) + 1])
 
 
 def class_counts(
@@ -291,9 +316,18 @@ class PreparedTable(NamedTuple):
         Taps are counted and multiplied in chunks, so that nothing but the result has to fit into memory, and with
         `out` on disk not even that.
         """
+        self._write(count_taps(taps, edges), exponent, out)
+
+    def of_bins(self, bins: NDArray[np.integer], exponent: float) -> NDArray[np.float64]:
+        """`exponent` times the log probability of bins (N, J, K), shape (N, L, H); a bin of -1 does not count."""
+        out = np.empty((len(bins), *self.shape))
+        self._write(count_bins(bins, len(self.table) // bins.shape[2]), exponent, out)
+        return out
+
+    def _write(self, counted: Iterator[tuple[slice, SparseCounts]], exponent: float, out: NDArray[np.float64]) -> None:
         from .counting import multiply
 
-        for which, counts in count_taps(taps, edges):
+        for which, counts in counted:
             part = np.empty((len(counts.first) - 1, self.table.shape[1]))
             multiply(*counts, self.table, exponent, part)
             if (empty := np.diff(counts.first) == 0).any():

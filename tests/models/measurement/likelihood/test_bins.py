@@ -132,3 +132,16 @@ def test_log_likelihoods_can_be_written_to_a_store(make_model, draw_samples):
     np.testing.assert_array_equal(store[:], model.log_likelihood(samples))
     with pytest.raises(InputError, match=r"out must have shape \(6, 3, 4\), got \(5, 3, 4\)"):
         model.log_likelihood(samples, np.empty((5, 3, 4)))
+
+
+def test_log_likelihoods_of_bins_are_those_of_their_samples(make_model, draw_samples):
+    model = make_model(3, 2, 2, 6, 5, pseudocount=0.5, taps=9)
+    taps = draw_samples(model, 40)
+    bins = model.bins(taps)
+
+    np.testing.assert_array_equal(model.prepared.of_bins(bins, model.exponent), model.log_likelihood(taps))
+
+    bins[7, 3, 1] = -1
+    taps[7, 3, 1] = np.nan
+    expected = model.with_missing("drop").log_likelihood(taps)
+    np.testing.assert_allclose(model.prepared.of_bins(bins, model.exponent), expected, rtol=1e-12)
