@@ -19,6 +19,7 @@ FEWEST = 128
 _MOST = 2048
 _AT_MOST = 1 << 24  # numbers that a table of taps or bins under all hypotheses holds, beyond the fewest draws
 _LARGE_ERROR = 0.1  # nats
+_TOO_LARGE = 3.0  # nats, which four times as many draws than `FEWEST` hardly halve
 _EPISODES, _TAPS = 12, 10  # by which draws are judged
 _PARTS = 16  # of draws
 _MOST_KEPT = 0.9  # of the gain by four times as many draws, by the next four times as many
@@ -89,7 +90,9 @@ def enough_sessions(
         return model, ""
     told = f"{error:.2g}" if error < 100 else f"{error:.0f}"
     names = ", ".join(model.program.structure.by_session)
+    hopeless = draws >= FEWEST and error > _TOO_LARGE
+    more = "More draws, --integrate D, help little: give" if hopeless else "Use more, --integrate D, or give"
     return model, (
         f"What belongs to a new session ({names}) is one of {draws} draws, by which the log evidence of {_TAPS} taps "
-        f"is off by about {told} nats; more draws, --integrate D, and fewer such variables make it more exact."
+        f"is off by about {told} nats. {more} a session fewer variables."
     )

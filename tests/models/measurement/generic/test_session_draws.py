@@ -80,6 +80,10 @@ def test_a_fit_takes_as_many_draws_as_it_needs_and_tables_allow(fit, monkeypatch
     model, _, told = fit()
     assert len(model.states.gain) == 16
     assert "is one of 16 draws" in told.warning
+    assert told.warning.endswith("nats. Use more, --integrate D, or give a session fewer variables.")
+
+    monkeypatch.setattr(session_draws, "FEWEST", 16)
+    assert "More draws, --integrate D, help little: give a session fewer" in fit().convergence.warning
 
 
 def test_draws_that_are_asked_for_are_judged_and_kept(fit):
