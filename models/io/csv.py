@@ -3,7 +3,7 @@
 import csv
 import re
 from array import array
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import chain, islice
@@ -13,6 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import storage
+from ..blocks import BLOCK, over_blocks
 from ..errors import InputError
 from ..settings import Missing
 from ..tap_checks import not_finite
@@ -52,20 +54,17 @@ def read_rows(path: Path, missing: Missing = "refuse") -> CsvRows:
         _check_header(header)
         numeric = [i for i, name in enumerate(header) if name in NUMBERS or name.startswith("taxel")]
         lines = _check_rows(rows, header, numeric)
-        table, cells = _cells(path, header, numeric)
+        table, taxels, cells = _cells(path, header, numeric, lines, missing)
     except UnicodeDecodeError as error:
         raise InputError("not a CSV file: not UTF-8 text.") from error
     except csv.Error as error:
         raise InputError(f"not a CSV file: {error}.") from error
     except OSError as error:
         raise InputError(f"cannot read: {error.strerror}.") from error
-    may_miss = [missing == "drop" and header[i] not in NUMBERS for i in numeric]
-    _check_finite(np.where(np.isnan(table) & may_miss, 0.0, table), lines, [header[i] for i in numeric])
-    columns = {header[i]: table[:, j] for j, i in enumerate(numeric) if header[i] in NUMBERS}
+    columns = {header[i]: table[:, j] for j, i in enumerate(i for i in numeric if header[i] in NUMBERS)}
     columns |= {name: _column(name, cells[i], lines) for i, name in enumerate(header) if i not in numeric}
-    taxels = [j for j, i in enumerate(numeric) if header[i] not in NUMBERS]
-    names = tuple(header[numeric[j]] for j in taxels)
-    return CsvRows(table[:, taxels], names, columns | _whole(columns, lines), lines)
+    names = tuple(header[i] for i in numeric if header[i] not in NUMBERS)
+    return CsvRows(taxels, names, columns | _whole(columns, lines), lines)
 
 
 def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
@@ -103,22 +102,79 @@ def _check_rows(
     return np.asarray(lines)
 
 
-def _cells(path: Path, header: Sequence[str], numeric: Sequence[int]) -> tuple[NDArray[np.float64], Any]:
-    """Numbers, shape (R, len(numeric)), and a frame with the text of the other columns."""
+def _cells(
+    path: Path, header: Sequence[str], numeric: Sequence[int], lines: NDArray[np.int64], missing: Missing
+) -> tuple[NDArray[np.float64], NDArray[np.float64], Any]:
+    """Numbers, shape (R, columns), those of taxels, shape (R, K), and a frame with the text of the other columns.
+
+    Those of taxels are in a temporary file if they are many.
+    """
     import pandas as pd  # noqa: PLC0415
 
-    kinds = {i: "float64" if i in numeric else "object" for i in range(len(header))}
+    names = [header[i] for i in numeric]
+    taxel = np.array([name not in NUMBERS for name in names])
+    shape = len(lines), int(taxel.sum())
+    large = 8 * shape[0] * shape[1] > storage.ON_DISK
+    at_once = max(1, BLOCK // (8 * len(numeric))) if large else len(lines)
+
+    def gathered(on_disk: bool, parts: Callable[..., Iterator[tuple[NDArray[np.float64], Any]]]) -> Any:
+        numbers, texts = [], []
+
+        def samples() -> Iterator[NDArray[np.float64]]:
+            start = 0
+            for table, text in parts(path, header, numeric, at_once):
+                unknown = np.isnan(table) & (taxel & (missing == "drop"))
+                _check_finite(np.where(unknown, 0.0, table), lines[start:], names)
+                numbers.append(table[:, ~taxel])
+                texts.append(text)
+                start += len(table)
+                yield table[:, taxel]
+
+        if on_disk:
+            taxels = storage.spooled((np.ascontiguousarray(part).data for part in samples()), shape, np.float64)
+            if taxels is None:
+                return gathered(False, parts)
+        else:
+            taxels = np.concatenate(list(samples()))
+        return np.concatenate(numbers), taxels, pd.concat(texts, ignore_index=True)
+
+    try:
+        return gathered(large, _quickly)
+    except InputError:
+        raise
+    except ValueError:  # pandas does not give the place, and `float` accepts more, such as 1_000
+        return gathered(large, _as_python)
+
+
+def _frames(path: Path, width: int, numeric: Sequence[int], at_once: int, **more: Any) -> Iterator[Any]:
+    """Frames of so many rows, with numbers in some columns and text in the others."""
+    import pandas as pd  # noqa: PLC0415
+
+    kinds: Any = {i: "float64" if i in numeric else "object" for i in range(width)}
     how: Any = {"header": 0, "names": list(kinds), "dtype": kinds, "na_filter": False, "low_memory": False}
     with path.open(encoding="utf-8-sig", newline="") as file:
-        try:
-            frame = pd.read_csv(file, **how)
-            return frame[numeric].to_numpy(), frame
-        except ValueError:  # pandas does not give the place, and `float` accepts more, such as 1_000
-            rows = islice(_rows(path), 1, None)
-            table = array("d", chain.from_iterable(_floats(line, row, header, numeric) for line, row in rows))
-            file.seek(0)
-            frame = pd.read_csv(file, usecols=[i for i in kinds if i not in numeric], **how)
-            return np.asarray(table).reshape(-1, len(numeric)), frame
+        yield from pd.read_csv(file, chunksize=at_once, **how, **more)
+
+
+def _quickly(
+    path: Path, header: Sequence[str], numeric: Sequence[int], at_once: int
+) -> Iterator[tuple[NDArray[np.float64], Any]]:
+    """Numbers and texts of so many rows at a time, as pandas reads them."""
+    numeric = list(numeric)
+    for frame in _frames(path, len(header), numeric, at_once):
+        yield frame[numeric].to_numpy(), frame.drop(columns=numeric)
+
+
+def _as_python(
+    path: Path, header: Sequence[str], numeric: Sequence[int], at_once: int
+) -> Iterator[tuple[NDArray[np.float64], Any]]:
+    """Likewise, but numbers as Python reads them."""
+    rows = islice(_rows(path), 1, None)
+    texts = [i for i in range(len(header)) if i not in numeric]
+    for frame in _frames(path, len(header), numeric, at_once, usecols=texts):
+        own = islice(rows, len(frame))
+        table = array("d", chain.from_iterable(_floats(line, row, header, numeric) for line, row in own))
+        yield np.asarray(table).reshape(-1, len(numeric)), frame
 
 
 def _floats(line: int, row: Sequence[str], header: Sequence[str], numeric: Sequence[int]) -> list[float]:
@@ -221,7 +277,7 @@ def _check_same_columns(first: CsvRows, other: CsvRows, first_path: Path) -> Non
 
 def _recording(paths: Sequence[Path], parts: Sequence[CsvRows]) -> Recording:
     columns = {name: np.concatenate([part.columns[name] for part in parts]) for name in parts[0].columns}
-    frames = np.concatenate([part.taxels for part in parts])
+    frames = _joined([part.taxels for part in parts])
     file = np.repeat(np.arange(len(parts)), [len(part.lines) for part in parts])
     lines = np.concatenate([part.lines for part in parts])
     places = _Places(paths, file, lines)
@@ -235,6 +291,17 @@ def _recording(paths: Sequence[Path], parts: Sequence[CsvRows]) -> Recording:
     samples = np.diff(starts, append=len(frames))
     taps = frames.reshape(len(starts), samples[0], -1)
     return Recording(taps, labels.take(starts), _rate(columns, starts, places))
+
+
+def _joined(parts: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Frames of several files, in a temporary file if they are many."""
+    if len(parts) == 1:
+        return parts[0]
+    shape, found = (sum(map(len, parts)), parts[0].shape[1]), None
+    if sum(part.nbytes for part in parts) > storage.ON_DISK:
+        blocks = (block for part in parts for block in over_blocks(part, lambda block, _: block))
+        found = storage.spooled((np.ascontiguousarray(block).data for block in blocks), shape, np.float64)
+    return np.concatenate(parts) if found is None else found
 
 
 class _Places:

@@ -1,4 +1,4 @@
-"""Large recordings that are compressed, of integers or of MATLAB are unpacked into temporary files."""
+"""Large recordings that are compressed, text, integers or of MATLAB are unpacked into temporary files."""
 
 import errno
 import os
@@ -11,7 +11,7 @@ import pytest
 from solidtouch.models import storage
 from solidtouch.models.errors import InputError
 from solidtouch.models.io import arrays as archives
-from solidtouch.models.io import mat
+from solidtouch.models.io import csv, mat
 from solidtouch.models.io.load import load_taps
 from solidtouch.models.taps import TapSet
 
@@ -102,6 +102,63 @@ def test_a_damaged_member_is_found_where_it_is_unpacked(make_taps, arrays_of, mo
         monkeypatch.setattr(storage, "ON_DISK", limit)
         with pytest.raises(InputError, match=r"taps\.npz: array taps is damaged"):
             load_taps(path)
+
+
+@pytest.fixture
+def tables(make_taps, writers, tmp_path, monkeypatch):
+    """Two CSV files in a folder, of which seven rows are read at a time, and their taps."""
+    parts = [make_taps(sessions=1, repeats=2, seed=seed, extra={"force": np.arange(24.0)}) for seed in (1, 2)]
+    for number, part in enumerate(parts):
+        dataset = part.dataset.assign_coords(session=("tap", np.full(len(part), number)))
+        writers["csv"][1](TapSet(dataset), tmp_path / f"{number}.csv")
+    monkeypatch.setattr(storage, "ON_DISK", 1000)
+    monkeypatch.setattr(csv, "BLOCK", 7 * 8 * 10)
+    return tmp_path, parts
+
+
+def same(large, expected):
+    assert large.scanned is not None
+    np.testing.assert_array_equal(large.samples.values, expected.taps)
+    for name in ("what", "where", "session", "trial", "force"):
+        np.testing.assert_array_equal(large.dataset[name].values, expected.dataset[name].values)
+
+
+def test_rows_are_read_some_at_a_time(tables, monkeypatch):
+    """Also those that Python alone understands, and where a class first occurs late; without room as before."""
+    folder, (expected, _) = tables
+    path = folder / "0.csv"
+    rows = path.read_text(encoding="utf-8").splitlines()
+    rows[-1] = rows[-1].replace(",0,", ",0_0,", 1)
+    assert "0_0" in rows[-1]
+    path.write_text("\n".join(rows), encoding="utf-8")
+    with monkeypatch.context() as patched:
+        patched.setattr(TapSet, "taps", property(lambda _: pytest.fail("all samples were asked for")))
+        large = load_taps(path)
+    same(large, expected)
+    monkeypatch.setattr(storage, "tempfile", SimpleNamespace(TemporaryFile=lambda: Full(errno.ENOSPC)))
+    same(load_taps(path), expected)
+
+
+def test_folders_are_joined_on_disk(tables):
+    """One file behind the other."""
+    folder, parts = tables
+    large = load_taps(folder)
+    assert large.session.tolist() == [0] * 24 + [1] * 24
+    np.testing.assert_array_equal(large.samples.values, np.concatenate([part.taps for part in parts]))
+
+
+def test_a_bad_cell_is_found_in_its_part(tables):
+    """With its line, as in memory; missing samples may be dropped."""
+    folder, (expected, _) = tables
+    path = folder / "0.csv"
+    rows = path.read_text(encoding="utf-8").splitlines()
+    rows[100] = ",".join([*rows[100].split(",")[:-1], "nan"])
+    path.write_text("\n".join(rows), encoding="utf-8")
+    with pytest.raises(InputError, match=r"0\.csv: line 101, column taxel_4: nan"):
+        load_taps(path)
+    dropped = load_taps(path, "drop").samples.values
+    assert np.isnan(dropped).sum() == np.isnan(dropped[99 // 6, 99 % 6, 4]) == 1
+    np.testing.assert_array_equal(dropped[:16], expected.taps[:16])
 
 
 class Full:
