@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..models.errors import InputError
-from ..models.grid import ClassGrid
+from ..models.grid import ClassGrid, episode_sessions
 from ..models.io.load import load_taps
 from ..models.io.recording import naming
 from ..models.io.rig_recording import TapLabel
@@ -247,8 +247,9 @@ def _replayed(
     # Objects that the model does not know stand behind those that it does: perception should call them unknown.
     whole = replace(grid, what_members=(*grid.what_members, *((name,) for name in new)), what_value=None)
     names = whole.what_name
-    where, what = taps.indices(whole)
-    there = np.unique(what[(where >= 0) & (what >= 0)]).tolist()
+    where, held = taps.indices(whole)
+    apart, inside = episode_sessions(where, held, taps.session).any(), where >= 0
+    there = np.unique(held[inside & (held >= 0)]).tolist()
     if not there:
         raise InputError(f"{path}: no tap belongs to a class of the model.")
 
@@ -258,7 +259,9 @@ def _replayed(
             raise InputError(f"--start {wish.start} is outside the classes of the model.")
         what = wish.object(names, episode, there)
         chance = generator(wish.seed, Purpose.REPLAY, episode)
-        sensor = ReplayRig(taps, whole, start, what, chance)
+        sessions = np.unique(taps.session[inside & (held == what)]).tolist()
+        session = sessions[int(chance.integers(len(sessions)))] if apart and sessions else None
+        sensor = ReplayRig(taps, whole, start, what, chance, session=session)
         return Placed(sensor, lambda: Truth(names[what], float(grid.where_value[sensor.where_index])))
 
     return PlaceableRig(f"taps of {Path(path).name}", place)

@@ -61,6 +61,7 @@ class ReplayRig:
         what: Index of the object.
         uniforms: Numbers in [0, 1), one per tap, or a NumPy generator of them, by default one seeded 0: `u` selects tap
             `floor(u * count)` of the class in the order of the file.
+        session: Recorded session whose taps are drawn; `None` for those of all.
 
     Attributes:
         where_index: Index of the current position.
@@ -68,21 +69,37 @@ class ReplayRig:
         substituted: Number of times that a class without a tap was replaced, including the start.
 
     Raises:
-        InputError: The start lies outside the grid or the object has no tap.
+        InputError: The start lies outside the grid, there is no such session or the object has no tap in it.
     """
 
-    def __init__(self, taps: TapSource, grid: ClassGrid, start: int, what: int, uniforms: Chance | None = None) -> None:
+    def __init__(
+        self,
+        taps: TapSource,
+        grid: ClassGrid,
+        start: int,
+        what: int,
+        uniforms: Chance | None = None,
+        *,
+        session: int | None = None,
+    ) -> None:
         check_class(grid, start, what)
         self._taps = taps = taps if isinstance(taps, TapSet) else taps_of(taps)
         self._last = grid.L - 1
         self._step = np.diff(grid.where_value)
-        self._pool = tap_pool(*taps.indices(grid), grid.shape)
+        where, held = taps.indices(grid)
+        if session is not None:
+            where = np.where(taps.session == session, where, -1)
+            if not (where >= 0).any():
+                raise InputError(f"The recording has no tap of session {session} inside the class grid.")
+        self._pool = tap_pool(where, held, grid.shape)
         self._what = what
         self._uniforms = as_uniforms(uniforms)
         self.clamped = 0
         self.substituted = 0
-        if self._pool.nearest[start, what] < 0:
-            raise InputError(f"The recording has no tap of {grid.what_name[what]} inside the class grid.")
+        self._nearest = self._pool.nearest[0, :, what]
+        if self._nearest[start] < 0:
+            place = "inside the class grid" if session is None else f"in session {session}"
+            raise InputError(f"The recording has no tap of {grid.what_name[what]} {place}.")
         self.where_index = self._stand(start)
 
     @property
@@ -119,6 +136,6 @@ class ReplayRig:
         return self.where_index - before
 
     def _stand(self, where: int) -> int:
-        nearest = int(self._pool.nearest[where, self._what])
+        nearest = int(self._nearest[where])
         self.substituted += nearest != where
         return nearest

@@ -18,6 +18,9 @@ from .errors import InputError, check_numbers
 _LENGTHS_M = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6}
 _MOST_CELLS = 1e6
 _ROUNDING = 1e-6  # in cells: a value this close below an edge counts as above it
+FEW_TAPS = 10
+"""Fewest taps per class with reliable intervals, see docs/explanation/intervals.md."""
+_LOST = 10  # there must be so many classes for each that only one session holds
 
 
 @dataclass(frozen=True, eq=False)
@@ -310,16 +313,17 @@ def nearest_trained(trained: NDArray[np.bool_]) -> NDArray[np.intp]:
 
 
 class TapPool(NamedTuple):
-    """Tap indices by class.
+    """Tap indices by session and class.
 
-    The taps of class (l, m) are `order[first[l, m] : first[l, m] + count[l, m]]`, in the order of the file.
+    An episode draws taps of one session. Those of class (l, m) in session s are
+    `order[first[s, l, m] : first[s, l, m] + count[s, l, m]]`, in the order of the file.
 
     Attributes:
-        order: Tap indices, class by class, shape (taps inside the grid,).
-        first: Index in `order` of the first tap of each class, shape (L, M).
-        count: Number of taps of each class, shape (L, M).
-        nearest: Nearest position with a tap of the object (the lower of two equally near), -1 if the object has no
-            tap, shape (L, M).
+        order: Tap indices, class by class in each session, shape (taps inside the grid,).
+        first: Index in `order` of the first tap of each class, shape (S, L, M).
+        count: Number of taps of each class, shape (S, L, M).
+        nearest: Nearest position with a tap of the object in the session (the lower of two equally near), -1 if the
+            object has no tap there, shape (S, L, M).
     """
 
     order: NDArray[np.intp]
@@ -327,41 +331,98 @@ class TapPool(NamedTuple):
     count: NDArray[np.intp]  # pyright: ignore[reportIncompatibleMethodOverride]
     nearest: NDArray[np.intp]
 
-    def pick(self, where: int, what: int, uniform: float) -> int:
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(L, M)."""
+        _, L, M = self.count.shape
+        return L, M
+
+    @property
+    def per_class(self) -> NDArray[np.intp]:
+        """Number of taps of each class in all sessions, shape (L, M)."""
+        return self.count.sum(axis=0)
+
+    def taps(self, l: int, m: int) -> NDArray[np.intp]:
+        """Indices of the taps of a class in all sessions."""
+        parts = zip(self.first[:, l, m], self.count[:, l, m], strict=True)
+        return np.concatenate([self.order[first : first + count] for first, count in parts])
+
+    def pick(self, where: int, what: int, uniform: float, session: int = 0) -> int:
         """Index of the tap of a class that a uniform number in [0, 1) selects; the class must have a tap."""
-        return int(self.order[self.first[where, what] + int(uniform * self.count[where, what])])
+        at = session, where, what
+        return int(self.order[self.first[at] + int(uniform * self.count[at])])
 
 
-def tap_pool(where: ArrayLike, what: ArrayLike, shape: tuple[int, int]) -> TapPool:
+def tap_pool(where: ArrayLike, what: ArrayLike, shape: tuple[int, int], session: ArrayLike = 0) -> TapPool:
     """Pool of taps with these classes.
 
     Args:
         where: Position index of each tap, -1 for taps outside the grid, shape (N,).
         what: Object index of each tap, likewise.
         shape: (L, M).
+        session: Number of the session, from 0 on, that episodes on each tap stay in, shape (N,) or (); see
+            `episode_sessions`.
 
     Raises:
         InputError: No tap lies inside the grid.
     """
     where, what = np.asarray(where, dtype=np.intp), np.asarray(what, dtype=np.intp)
-    _, M = shape
+    L, M = shape
     inside = np.flatnonzero((where >= 0) & (what >= 0))
     if not len(inside):
         raise InputError("No tap belongs to a class of the grid.")
-    return pool_of(inside, where[inside] * M + what[inside], shape)
+    s = np.broadcast_to(np.asarray(session, dtype=np.intp), where.shape)[inside]
+    return pool_of(inside, (s * L + where[inside]) * M + what[inside], (int(s.max()) + 1, L, M))
 
 
-def pool_of(taps: NDArray[np.intp], cell: NDArray[np.intp], shape: tuple[int, int]) -> TapPool:
+def pool_of(taps: NDArray[np.intp], cell: NDArray[np.intp], shape: tuple[int, int, int]) -> TapPool:
     """Pool of some taps, possibly with repetitions.
 
     Args:
         taps: Tap indices, shape (n,).
-        cell: Class of each as l M + m, shape (n,).
-        shape: (L, M).
+        cell: Session and class of each as (s L + l) M + m, shape (n,).
+        shape: (S, L, M).
     """
-    L, M = shape
-    count = np.bincount(cell, minlength=L * M).reshape(L, M)
-    first = np.cumsum(count).reshape(L, M) - count
-    nearest = nearest_trained(count > 0)
-    nearest[:, count.sum(axis=0) == 0] = -1
+    count = np.bincount(cell, minlength=np.prod(shape)).reshape(shape)
+    first = np.cumsum(count).reshape(shape) - count
+    nearest = np.stack([nearest_trained(one > 0) for one in count])
+    nearest = np.where(count.any(axis=1, keepdims=True), nearest, -1)
     return TapPool(taps[np.argsort(cell, kind="stable")], first, count, nearest)
+
+
+def sessions_alike(cell: NDArray[np.intp], session: NDArray[np.integer]) -> bool:
+    """Whether the sessions of taps hold the same classes.
+
+    They do where at least nine tenths of the classes remain without any one of them; otherwise sessions cannot be told
+    from classes.
+
+    Args:
+        cell: Class of each tap, shape (n,).
+        session: Its session, shape (n,).
+    """
+    held = [np.unique(cell[session == s]) for s in np.unique(session)]
+    sessions_with = np.bincount(np.concatenate(held))
+    lost = max(np.count_nonzero(sessions_with[classes] == 1) for classes in held)
+    return _LOST * lost <= np.count_nonzero(sessions_with)
+
+
+def episode_sessions(where: NDArray[np.intp], what: NDArray[np.intp], session: NDArray[np.integer]) -> NDArray[np.intp]:
+    """Number of the session, from 0 on, that episodes on each tap stay in.
+
+    0 for all taps where a session cannot stand alone: sessions hold different classes, or a class has fewer than
+    `FEW_TAPS` taps in one (median). Episodes then draw taps of all.
+
+    Args:
+        where: Position index of each tap, -1 for taps outside the grid, shape (N,).
+        what: Object index of each tap, likewise.
+        session: Recorded session of each tap, shape (N,).
+    """
+    number, inside = np.zeros(len(where), np.intp), (where >= 0) & (what >= 0)
+    if not inside.any():
+        return number
+    names, own = np.unique(session[inside], return_inverse=True)
+    cell = where[inside] * (what.max() + 1) + what[inside]
+    taps = np.unique(np.stack([own, cell]), axis=1, return_counts=True)[1]
+    if len(names) > 1 and np.median(taps) >= FEW_TAPS and sessions_alike(cell, own):
+        number[inside] = own
+    return number

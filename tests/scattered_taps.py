@@ -23,4 +23,4 @@ def table_of(seed=0, count=COUNT, session=None, skill=1.0):
 
 
 def taps_of(pool: TapPool, l: int, m: int):
-    return pool.order[pool.first[l, m] : pool.first[l, m] + pool.count[l, m]]
+    return pool.taps(l, m)

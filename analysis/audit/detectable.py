@@ -21,7 +21,7 @@ from scipy.stats import gamma
 
 from ...inference.trials.records import TapTable
 from ...models.errors import InputError
-from ...models.grid import tap_pool
+from ...models.grid import episode_sessions, tap_pool
 from ...models.measurement.model import TapModel
 from ...models.setting_file import Setting
 from ..stats.right_model import LEVEL, equivalent, quantiles, reference_factors
@@ -80,16 +80,18 @@ def enough(
         seed: Of all random numbers.
         simulations: Data sets of each design.
     """
-    l, m = np.nonzero(table.pool.count)
+    l, m = np.nonzero(table.pool.per_class)
     K, samples = model.edges.shape[0], equivalent(model).preprocessing.samples
 
     def factors(design: Design) -> NDArray[np.float64]:
         each = design.sessions * design.taps
-        pool = tap_pool(np.repeat(l, each), np.repeat(m, each), table.pool.count.shape)
+        where, what = np.repeat(l, each), np.repeat(m, each)
+        session = episode_sessions(where, what, np.tile(np.arange(each) // design.taps, len(l)))
+        pool = tap_pool(where, what, table.pool.shape, session)
         return reference_factors(model, table._replace(pool=pool), setting, policy, trials, seed, simulations)[:, 0]
 
     most = _WORK / (len(l) * K * samples * simulations)
-    wanted = designs_from(max(1, int(np.median(table.pool.count[l, m]))))
+    wanted = designs_from(max(1, int(np.median(table.pool.count[table.pool.count > 0]))))
     return detectable(factors, [one for one in wanted if one.sessions * one.taps <= most], LEVEL / 2)
 
 

@@ -31,7 +31,7 @@ from ...inference.trials.run import THRESHOLDS
 from ...inference.trials.selections import sessions_drawn, thinned_pools
 from ...models import seeds
 from ...models.errors import InputError
-from ...models.grid import ClassGrid, TapPool, can_act, tap_pool
+from ...models.grid import ClassGrid, TapPool, can_act
 from ...models.measurement.model import TapModel
 from ...models.setting_file import Setting
 from ...models.taps import TapSet
@@ -148,12 +148,11 @@ def measure(
     """
     base = remedies[0]
     shared = _known_to_all(remedies, taps)
-    where, what = shared.indices(base.grid)
-    n = min(n, taps_per_class(tap_pool(where, what, base.grid.shape)))
     tables: dict[str, TapTable] = {}
     for remedy in remedies:
         tables[remedy.name] = tap_table(remedy.model, shared)
         advance(1)
+    n = min(n, taps_per_class(tables[base.name].pool))
     policy = "active" if can_act(base.grid) and not base.setting.play.passive else "passive"
     alike = {remedy.name: tables[remedy.name] for remedy in remedies if remedy.grid is base.grid}
     options = {"policy": policy, "trials": trials, "seed": seed}

@@ -162,7 +162,7 @@ def class_scores(
         spread(table, noise=_RESAMPLE_DRAWS / _DRAWS, thinned=True),
         int(table.pool.count.sum()) / np.array(answered),
     )
-    L, M = table.pool.count.shape
+    L, M = table.pool.shape
     answers = {"accuracy_where": L, "accuracy_what": M}
     for i, (name, meaning) in enumerate((MEANS | CALIBRATIONS).items()):
         attributes = {"long_name": meaning, "units": "nat" if name.startswith("log_score") else ""}
@@ -205,9 +205,9 @@ def _draw(
     if n < 1:
         raise InputError(f"A sequence has at least one contact, got {n}.")
     parts: list[_Sequences] = []
-    for l, m in np.argwhere(pool.count > 0):
-        first = pool.first[l, m]
-        own = pool.order[first : first + pool.count[l, m]]
+    held = np.argwhere(pool.per_class > 0)
+    for l, m in held:
+        own = pool.taps(l, m)
         groups = [group for s in np.unique(session[own]) if len(group := own[session[own] == s]) >= n]
         total = sum(map(len, groups))
         for group in groups:
@@ -219,7 +219,7 @@ def _draw(
             where, what = np.repeat([[l], [m]], len(taps), axis=1)
             parts.append(_Sequences(taps, where, what, np.full(len(taps), len(group) / len(taps))))
     classes = len({(int(part.where[0]), int(part.what[0])) for part in parts})
-    if not classes or classes < _ENOUGH * np.count_nonzero(pool.count):
+    if not classes or classes < _ENOUGH * len(held):
         return None
     return _Sequences(*(np.concatenate(column) for column in zip(*parts, strict=True)))
 
@@ -227,7 +227,7 @@ def _draw(
 def _scores(table: TapTable, sequences: _Sequences) -> _Scores:
     n, (count, length) = len(MEANS), sequences.taps.shape
     scores = _Scores(np.empty((count, n)), np.empty((count, 2)), np.empty((count, 2)))
-    power, M = share(length, table.saturation), table.pool.nearest.shape[1]
+    power, M = share(length, table.saturation), table.pool.shape[1]
     logs = np.ascontiguousarray(table.log_likelihood), np.ascontiguousarray(table.log_prior)
     score(*logs, M, power, *sequences[:3], *scores)
     return scores

@@ -1,7 +1,7 @@
 """Comparison of measurement models on the same taps at three levels: taps, classes and decisions."""
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -11,6 +11,7 @@ import xarray as xr
 from ...inference.trials.records import TapTable, tap_table
 from ...inference.trials.resampling import RESAMPLES
 from ...inference.trials.run import THRESHOLDS
+from ...inference.trials.selections import sessions_in_words
 from ...inference.tuning.tempering import fit_tempered
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
@@ -77,7 +78,7 @@ class Comparison(NamedTuple):
             second group.
         stacking: ArviZ's comparison of these, a data frame; `None` with less than two models.
         groups: How groups were left out, in a sentence.
-        missing: Why models have no value for groups left out, or there are no predictive checks, a sentence each.
+        missing: Why models have no value for groups left out, there are no predictive checks, or trials mix sessions.
         checks: See `stats.checks`; `None` where they were skipped.
         classes: See `classes`.
         curves: See `stats.decisions.decision_curves`.
@@ -133,7 +134,6 @@ def compare_models(
     left = LeftGroups(settings.leave_out, train, test, grid, fit, *how, all_registered(), Kept())
     groups, elpd, sentence, missing = leave_out_groups(fits, left, clock, crew)
     checks, incomplete = None, bool(np.isnan(train.taps).any())
-    missing += _sessions_mixed(fits, shared)
     if settings.draws and incomplete:
         missing.append("Predictive checks are left out, because training taps have missing samples.")
     if settings.draws and not incomplete:
@@ -143,6 +143,9 @@ def compare_models(
     with clock.stage("Scoring beliefs", len(fits)) as advance:
         tables = dict(zip(fits, each(_table, map(PortableFit, fits.values()), shared, advance), strict=True))
         classes = class_scores(tables, settings.seed, resamples=settings.resamples)
+    table = next(iter(tables.values()))
+    if len(table.pool.count) == 1 and (mixed := sessions_in_words(table)):
+        missing.append(mixed)
     with clock.stage("Playing trials", planned(len(tables), grid, settings.trials, settings.resamples)) as advance:
         played = play_models(
             tables,
@@ -197,17 +200,6 @@ def _check(settings: CompareSettings) -> None:
             "--border prior renormalises the belief and does not go with models that carry a state: "
             f"{', '.join(in_states)}."
         )
-
-
-def _sessions_mixed(fits: Mapping[str, Fitted], test: TapSet) -> list[str]:
-    """A sentence where trials mix sessions that a model takes for one."""
-    one = [name for name, fitted in fits.items() if len(fitted.model.states.gain) > 1]
-    if not one or len(set(test.session.tolist())) < 2:
-        return []
-    return [
-        f"Trials draw taps of several test sessions, which {', '.join(one)} {'take' if len(one) > 1 else 'takes'} for "
-        "one; compare on one test session at a time for the error of decisions in a session."
-    ]
 
 
 def _edges(train: TapSet, grid: ClassGrid, fit: FitSettings) -> Any:

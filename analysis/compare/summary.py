@@ -80,7 +80,7 @@ def summarise(comparison: Comparison, settings: CompareSettings, described: Row)
         "decisions": _rows(comparison.curves, "policy", "theta", names=_DECISIONS),
         "shown_theta": _shown(comparison.curves),
         "equal_taps": _rows(comparison.equal, "policy", "taps", names=("what_error", "where_error", "what_wrong")),
-        "decision_interval": decision_interval_sentence(),
+        "decision_interval": decision_interval_sentence(comparison.curves),
         "checks": _checks(comparison.checks),
         "levels": [{"title": level.title, "unit": level.unit} for level in ranked],
         "ranks": rank_rows(ranked, names),

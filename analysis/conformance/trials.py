@@ -39,12 +39,11 @@ def trial_difference(case: Case, expected: Sequence[Answer], tolerances: dict[st
     with np.errstate(divide="ignore"):
         log_prior = np.log(case.prior)
     shape = case.prior.shape
-    pool = TapPool(
-        order, np.zeros(shape, np.intp), np.full(shape, _ROOM), np.tile(np.arange(shape[0])[:, np.newaxis], shape[1])
-    )
+    nearest = np.tile(np.arange(shape[0])[:, np.newaxis], shape[1])
+    pool = TapPool(order, np.zeros((1, *shape), np.intp), np.full((1, *shape), _ROOM), nearest[np.newaxis])
     model = case_model(case)
     table = TapTable(model.log_likelihood(case.taps), pool, log_prior, given_trained=model.trained)
-    plan = TrialPlan(*(np.array([value]) for value in (0, 0, case.fixation, stream)))
+    plan = TrialPlan(*(np.array([value]) for value in (0, 0, case.fixation, stream, 0)))
     thresholds = np.array(case.thresholds)
     trials = run_trials(
         table,

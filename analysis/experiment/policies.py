@@ -143,7 +143,7 @@ def make_plans(
         InputError: There are no trials, or a stream is out of range.
     """
     block = range(trials) if block is None else block
-    positions = np.flatnonzero(pool.count.sum(axis=1))
+    positions = np.flatnonzero(pool.count.any(axis=(0, 2)))
     by_position = [
         plan_trials(pool, len(block), seed, fixation, int(l), first_stream + int(l) * trials + block.start)
         for l in positions
@@ -154,7 +154,7 @@ def make_plans(
     starts = join_plans(by_position)
     compared = np.flatnonzero(np.arange(len(starts.where)) % len(block) < each - block.start)
     few = TrialPlan(*(column[compared] for column in starts))
-    others = [few._replace(fixation=np.full_like(few.fixation, l)) for l in range(pool.count.shape[0]) if l != fixation]
+    others = [few._replace(fixation=np.full_like(few.fixation, l)) for l in range(pool.shape[0]) if l != fixation]
     return Plans(starts, join_plans(others), compared)
 
 

@@ -66,15 +66,17 @@ def compare_trials(
         )
         for device in DEVICES
     }
-    labelled = LabelledTaps(taps.taps, *taps.indices(engine.model.grid))
+    where_of, what_of = taps.indices(engine.model.grid)
     found = {name: TrialDifferences(np.zeros((2, 0)), 0, 0) for name in (*DEVICES, *([RAW] if raw else []))}
     for i in range(len(plan.where)):
-        where, what, target, stream = (int(column[i]) for column in plan)
-        rig = ReplayRig(taps, engine.model.grid, where, what, _draws(stream, deadline))
+        where, what, target, stream, number = (int(column[i]) for column in plan)
+        session = table.recorded_session(number)
+        rig = ReplayRig(taps, engine.model.grid, where, what, _draws(stream, deadline), session=session)
         expected, margins = _play(engine, rig, target, deadline)
         answers = {device: _decisions(trials, i) for device, trials in played.items()}
         if raw is not None:
-            draws = _draws(stream, deadline)
+            draws, inside = _draws(stream, deadline), True if session is None else taps.session == session
+            labelled = LabelledTaps(taps.taps, np.where(inside, where_of, -1), what_of)
             answers[RAW] = raw.trial(labelled, (where, what), target, draws, THRESHOLDS, deadline)
         for name, actual in answers.items():
             found[name] = _compare(found[name], expected, actual, margins, near_tie)

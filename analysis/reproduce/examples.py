@@ -1,5 +1,6 @@
 """Single episodes for the figures: evolving beliefs (Fig. 4) and trajectories (Fig. 6)."""
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -34,8 +35,7 @@ def belief_cases(study: Study, engine: Engine, settings: ExperimentSettings) -> 
     one in which the runner-up is believed in most, on average over the taps.
     """
     cases, prior = [], fold(np.exp(engine.model.log_prior), engine.model.grid.M)
-    for where, what, stream in _starts(study, _CANDIDATES, settings.seed):
-        rig = _rig(study, where, what, stream, settings.seed, _CASE_TAPS)
+    for where, what, rig in _rigs(study, _CANDIDATES, settings.seed, _CASE_TAPS):
         episode = perceive(rig, engine, 1.0, passive(), deadline=_CASE_TAPS)
         cases.append(BeliefCase(np.exp(episode.log_beliefs), prior, where, what))
     return max(cases, key=_clarity), max(cases, key=_ambiguity)
@@ -47,8 +47,7 @@ def trajectories(study: Study, engine: Engine, settings: ExperimentSettings, fix
 
     def positions(move: MovePolicy) -> NDArray[np.int64]:
         paths = np.full((TRAJECTORIES, settings.play.deadline), -1)
-        for row, (where, what, stream) in enumerate(_starts(study, TRAJECTORIES, settings.seed)):
-            rig = _rig(study, where, what, stream, settings.seed, settings.play.deadline)
+        for row, (where, _, rig) in enumerate(_rigs(study, TRAJECTORIES, settings.seed, settings.play.deadline)):
             episode = perceive(rig, engine, theta, move, settings.play.deadline)
             paths[row, : episode.taps] = where + np.concatenate([[0], np.cumsum(episode.realised)])
         return paths[:, : int((paths >= 0).any(axis=0).sum())]
@@ -56,13 +55,13 @@ def trajectories(study: Study, engine: Engine, settings: ExperimentSettings, fix
     return Trajectories(positions(passive()), positions(fixation(fixation_index, settings.play.theta_x)))
 
 
-def _starts(study: Study, n: int, seed: int) -> list[tuple[int, int, int]]:
+def _rigs(study: Study, n: int, seed: int, taps: int) -> Iterator[tuple[int, int, ReplayRig]]:
+    """Position, object and rig of trials of at most so many taps."""
     plan = plan_trials(study.table.pool, n, seed)
-    return [(int(l), int(m), int(stream)) for l, m, stream in zip(plan.where, plan.what, plan.stream, strict=True)]
-
-
-def _rig(study: Study, where: int, what: int, stream: int, seed: int, taps: int) -> ReplayRig:
-    return ReplayRig(study.test, study.model.grid, where, what, iter(trial_uniforms(seed, stream, taps).tolist()))
+    for where, what, _, stream, session in zip(*(column.tolist() for column in plan), strict=True):
+        chance = iter(trial_uniforms(seed, stream, taps).tolist())
+        recorded = study.table.recorded_session(session)
+        yield where, what, ReplayRig(study.test, study.model.grid, where, what, chance, session=recorded)
 
 
 def _clarity(case: BeliefCase) -> tuple[int, float]:

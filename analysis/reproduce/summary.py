@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from ...inference.trials.selections import sessions_in_words
 from ...models.grid import ClassGrid, can_act
 from ...models.measurement.registry import PAPER, row, split_name
 from ...models.settings import learned_taps
@@ -32,6 +33,7 @@ def summarise(request: Request, results: Results) -> ReproductionSummary:
     kind = "simulated data sets" if request.simulated else "folds"
     test = results.studies[0].test
     sizes = test.dataset.sizes
+    sessions = dict.fromkeys(sessions_in_words(part.table) for part in results.studies)
     return {
         "title": f"Active Bayesian perception: {_subject(request)}",
         "what_was_run": _what_was_run(request, results),
@@ -65,7 +67,9 @@ def summarise(request: Request, results: Results) -> ReproductionSummary:
         "results": [row for name in ("passive", "active") if name in curves for row in curve_rows(name, curves[name])],
         "differences": difference_rows(curves.get("difference")),
         "shown_theta": settings.thresholds[settings.shown],
-        "interval": metrics.interval_sentence(len(results.studies), kind, results.spread),
+        "interval": " ".join(
+            [metrics.interval_sentence(len(results.studies), kind, results.spread), *sessions]
+        ).rstrip(),
         "accuracy": [_accuracy(row) for row in results.accuracy],
         "paper": compare(curves, results.by_position.isel(place=results.fixation)) if request.simulated else None,
         "crosscheck": _check_summary(results.check),

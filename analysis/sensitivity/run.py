@@ -150,8 +150,8 @@ def play_reading(
     plan = plan_trials(table.pool, trials, seed, reading.fixation_index(grid.L), first_stream=first_stream)
     if reading.start == "in turn":
         cells = np.argwhere(table.pool.count > 0)
-        where, what = cells[np.arange(trials) % len(cells)].T
-        plan = plan._replace(where=where, what=what)
+        session, where, what = cells[np.arange(trials) % len(cells)].T
+        plan = plan._replace(where=where, what=what, session=session)
     if _compiled(reading):
         played = run_trials(
             table,

@@ -112,11 +112,16 @@ def _play(
     for i in range(len(plan.what)):
         z[:], k[:] = prior.z, prior.k
         settle(z, k, on)
-        held = plan.what[i]
-        at = pool.nearest[plan.where[i], held]
+        held, session = plan.what[i], plan.session[i]
+        first, count, nearest = (
+            pool.first[session, :, held],
+            pool.count[session, :, held],
+            pool.nearest[session, :, held],
+        )
+        at = nearest[plan.where[i]]
         clamped, substituted, shifted, decided = 0, np.int64(at != plan.where[i]), 0, 0
         for number in range(rule.deadline):
-            tap = _draw(pool, at, held, words[i, number], i, -1 if way.replacement else i, used)
+            tap = _draw(pool.order, first[at], count[at], words[i, number], i, -1 if way.replacement else i, used)
             row, possible = table.rows[tap], False
             for m in range(M):
                 for l in range(L):
@@ -130,7 +135,7 @@ def _play(
             total = multiply(z, on, ones, where, what)
             if possible and way.move_first:
                 at, beyond, elsewhere, delta = _move(
-                    z, k, on, where, total, at, held, plan.fixation[i], pool, trained, rule, way
+                    z, k, on, where, total, at, plan.fixation[i], nearest, trained, rule, way
                 )
                 clamped, substituted, shifted = clamped + beyond, substituted + elsewhere, shifted + delta
                 total = multiply(z, on, ones, where, what)
@@ -153,35 +158,34 @@ def _play(
                 break
             if not way.move_first:
                 at, beyond, elsewhere, delta = _move(
-                    z, k, on, where, total, at, held, plan.fixation[i], pool, trained, rule, way
+                    z, k, on, where, total, at, plan.fixation[i], nearest, trained, rule, way
                 )
                 clamped, substituted, shifted = clamped + beyond, substituted + elsewhere, shifted + delta
 
 
 @compiled
-def _draw(pool, at, held, word, trial, marked, used):
+def _draw(order, first, count, word, trial, marked, used):
     """A test tap of a class.
 
     Args:
-        pool: The test taps.
-        at: Where class.
-        held: What class.
+        order: Taps, those of the class side by side.
+        first: Place of the first of them.
+        count: How many they are.
         word: Random word that selects the tap.
         trial: Number of the trial.
         marked: The same if no tap is drawn twice until all of the class have been, else -1.
         used: The trial that has drawn each tap, changed in place; others are smaller numbers.
     """
-    first, count = pool.first[at, held], pool.count[at, held]
     free = 0
     for place in range(first, first + count):
-        free += used[pool.order[place]] < trial
+        free += used[order[place]] < trial
     if free == 0:
         free = count
         for place in range(first, first + count):
-            used[pool.order[place]] = -1
+            used[order[place]] = -1
     left = np.int64((word * np.uint64(free)) >> seeds.HALF)
     for place in range(first, first + count):
-        tap = pool.order[place]
+        tap = order[place]
         if used[tap] < trial:
             if left == 0:
                 used[tap] = marked
@@ -191,7 +195,7 @@ def _draw(pool, at, held, word, trial, marked, used):
 
 
 @compiled
-def _move(z, k, on, where, total, at, held, aim, pool, trained, rule, way):
+def _move(z, k, on, where, total, at, aim, nearest, trained, rule, way):
     """Moves the sensor and shifts the belief; Eq. 8 to 10.
 
     Returns:
@@ -207,7 +211,7 @@ def _move(z, k, on, where, total, at, held, aim, pool, trained, rule, way):
     beyond = reached != at + delta
     if beyond and way.refused:
         delta, reached = 0, at
-    new = pool.nearest[reached, held]
+    new = nearest[reached]
     if way.real:
         delta = new - at
     if delta != 0:

@@ -29,9 +29,9 @@ class Accuracy(NamedTuple):
 
     Attributes:
         contacts: n.
-        classes: Number of classes with at least n distinct test taps; only they count.
-        hits: Share of right joint, where and what answers in each of those classes, shape (classes, 3).
-        weight: Number of test taps of each, shape (classes,).
+        classes: Number of classes with at least n distinct test taps in a session; only they count.
+        hits: Share of right joint, where and what answers in each of those classes and sessions, shape (cells, 3).
+        weight: Number of test taps of each, shape (cells,).
         noise: Variance of the mean over classes by the draws of contacts, shape (3,).
         resampled: The mean over classes on resamples of the test taps, shape (R, 3).
         resampled_noise: Mean of their variance by the draws of contacts, shape (3,).
@@ -65,8 +65,8 @@ def accuracy(
     """
     single = np.empty((len(table.log_likelihood), 3))
     cell = np.empty(len(single), np.intp)
-    count = table.pool.count.ravel()
-    cell[table.pool.order] = np.repeat(np.arange(len(count)), count)
+    (L, M), count = table.pool.shape, table.pool.count.ravel()
+    cell[table.pool.order] = np.repeat(np.arange(len(count)) % (L * M), count)
     single[table.pool.order] = _right(table, table.pool.order[:, np.newaxis], cell[table.pool.order])
 
     def on(task: tuple[int, TapPool], n: int, draws: int) -> Accuracy | None:
@@ -74,7 +74,6 @@ def accuracy(
         generator = seeds.generator(seed, seeds.Purpose.CONTACTS, number, n)
         return _accuracy(table, pool, n, draws, single, generator)
 
-    L, M = table.pool.count.shape
     rows = []
     for n in contacts:
         row = on((0, table.pool), n, _DRAWS)
@@ -139,7 +138,7 @@ def _accuracy(
         single: Whether each tap alone gives the right joint, where and what answer, shape (N, 3).
         generator: Of the draws.
     """
-    count, first = pool.count.ravel(), pool.first.ravel()
+    count, first, classes = pool.count.ravel(), pool.first.ravel(), pool.per_class.size
     cells = np.flatnonzero(count >= n)
     if len(cells) < _ENOUGH * np.count_nonzero(count):
         return None
@@ -147,13 +146,13 @@ def _accuracy(
         right, size = single[pool.order], count[cells]
     else:
         cell = np.repeat(cells, draws)
-        right, size = _right(table, _draw(pool.order, first[cell], count[cell], n, generator), cell), draws
+        right, size = _right(table, _draw(pool.order, first[cell], count[cell], n, generator), cell % classes), draws
     group = np.repeat(np.arange(len(cells)), size)
     number = np.bincount(group)[:, np.newaxis]
     hits = np.column_stack([np.bincount(group, column) for column in right.T]) / number
     weight = count[cells].astype(np.float64)
     noise = np.zeros(3) if n == 1 else (weight / weight.sum()) ** 2 @ (hits * (1 - hits) / np.maximum(number - 1, 1))
-    return Accuracy(n, len(cells), hits, weight, noise)
+    return Accuracy(n, len(np.unique(cells % classes)), hits, weight, noise)
 
 
 def _draw(
@@ -181,7 +180,7 @@ def _right(table: TapTable, taps: NDArray[np.intp], cell: NDArray[np.intp]) -> N
         taps: Their numbers, shape (n, contacts).
         cell: l M + m of the class that each sequence is of, shape (n,).
     """
-    M = table.pool.nearest.shape[1]
+    _, M = table.pool.shape
     step = max(1, _AT_ONCE // table.log_prior.size)
     parts = []
     for begin in range(0, len(taps), step):

@@ -55,7 +55,7 @@ def decided_about(table: TapTable, grid: ClassGrid) -> Subject:
     Raises:
         InputError: The table holds other classes, or there is one object at one place.
     """
-    if table.pool.nearest.shape != grid.shape:
+    if table.pool.shape != grid.shape:
         raise InputError(f"The classes of the table do not match the grid of {grid.L} x {grid.M}.")
     if grid.shape == (1, 1):
         raise InputError("With one object at one position there is nothing to decide.")
@@ -63,7 +63,8 @@ def decided_about(table: TapTable, grid: ClassGrid) -> Subject:
         return Subject("object", grid.what_name, table, policies(grid))
     order, first, count, _ = table.pool
     places = tuple(grid.where_label(l) for l in range(grid.L))
-    pool = TapPool(order, first.T.copy(), count.T.copy(), np.where(count.T > 0, 0, -1))
+    first, count = (values.swapaxes(1, 2).copy() for values in (first, count))
+    pool = TapPool(order, first, count, np.where(count > 0, 0, -1))
     turned = table._replace(
         log_likelihood=_turned(table.log_likelihood),
         pool=pool,
@@ -95,7 +96,7 @@ def independent_decisions(pool: TapPool, m: int | None, trials: int, taps: float
         trials: That were played.
         taps: Mean number of taps of a decision.
     """
-    count = pool.count.sum() if m is None else pool.count[:, m].sum()
+    count = pool.count.sum() if m is None else pool.count[..., m].sum()
     return float(max(1.0, min(trials, count / max(taps, 1.0))))
 
 

@@ -26,6 +26,7 @@ from ...inference.trials.resampling import (
     too_few,
     trial_noise,
 )
+from ...inference.trials.selections import sessions_in_words
 from ...models.errors import InputError
 from ...models.grid import ClassGrid, policies
 from ...models.settings import PlaySettings
@@ -85,7 +86,7 @@ def play_models(
         `MEANS` over (model, policy, theta, resample); resample 0 holds the taps as they are, and halves of the trials
         on the others follow behind these, see `resampling.ResampledTrials`. With the suffixes of `ENDINGS` what
         resample 0 might have been besides, see `inference.trials.records`. Attributes `factor`, see `spread_of`,
-        `taps_per_class`, `test_taps`, and `range_<name>` of what has one, see `ranges.Range`.
+        `taps_per_class`, `of_sessions`, `test_taps`, and `range_<name>` of what has one, see `ranges.Range`.
 
     Raises:
         InputError: The tables do not hold the same taps or are not of this grid, or a setting is out of range.
@@ -146,6 +147,7 @@ def play_models(
             "freedom": how.freedom,
             "sessions": how.sessions,
             "taps_per_class": taps_per_class(table.pool),
+            "of_sessions": sessions_in_words(table),
             "test_taps": int(table.pool.count.sum()),
             **{f"range_{name}": one for name, one in (_RANGES | ranges(grid, play.deadline)).items()},
         },
@@ -261,14 +263,15 @@ def too_few_taps(curves: xr.Dataset, theta: float) -> list[str]:
     return [f"At threshold {theta:g}: {sentence}" for sentence in said if sentence]
 
 
-def decision_interval_sentence() -> str:
-    """What the intervals of `decision_curves` and `at_equal_taps` mean, in a sentence."""
+def decision_interval_sentence(curves: xr.Dataset) -> str:
+    """What trials and the intervals of `decision_curves` and `at_equal_taps` mean."""
     return (
+        f"{curves.attrs['of_sessions']} "
         f"Intervals are {CONFIDENCE:.0%} jackknife intervals: the same trials are replayed for all models, leaving "
         "out a quarter of the test taps of each class, or one test session at a time if there are several. Taps are "
         "fresh: no trial uses a tap twice. A trial that uses up the stored taps of a class decides there; intervals "
         "cover any outcome of further taps. They do not cover variation between training sets."
-    )
+    ).lstrip()
 
 
 def _means(grid: ClassGrid, trials: Trials, plan: TrialPlan) -> dict[str, NDArray[np.float64]]:

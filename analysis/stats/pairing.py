@@ -29,7 +29,7 @@ def check_tables(tables: Mapping[str, TapTable]) -> tuple[int, int]:
         raise InputError("No model to compare.")
     first, *_ = tables
     pool = tables[first].pool
-    L, M = pool.nearest.shape
+    L, M = pool.shape
     for name, table in tables.items():
         same = all(np.array_equal(a, b) for a, b in zip(pool, table.pool, strict=True))
         if not same or len(table.log_likelihood) != len(tables[first].log_likelihood):

@@ -36,7 +36,7 @@ from ...inference.trials.resampling import (
     trial_noise,
     widened,
 )
-from ...inference.trials.selections import sessions_drawn
+from ...inference.trials.selections import sessions_drawn, sessions_in_words
 from ...models.compiled import compiled
 from ...models.errors import InputError
 from ...models.grid import ClassGrid, TapPool
@@ -146,7 +146,7 @@ def reliability(
     plan = plan_trials(subject.table.pool, trials, seed, aim)
     options: dict[str, Any] = {"trials": trials, "fixation": aim, "seed": seed, "resamples": resamples}
     how = spread(subject.table, noise=trial_noise(trials, resample_trials), thinned=True)
-    far = Farthest.among(*subject.table.pool.nearest.shape)
+    far = Farthest.among(*subject.table.pool.shape)
 
     def might_be(most: int, played: Trials, plan: TrialPlan) -> list[Trials]:
         best, worst = endings(played, plan, most, far)
@@ -253,8 +253,8 @@ def interval_sentence(data: xr.Dataset) -> str:
         f"Intervals are {CONFIDENCE:.0%} jackknife intervals: the trials are replayed on the test taps "
         f"{resamples_in_words(sessions)}{'' if sessions > 1 else '; another session may differ by more'}. Taps are "
         "fresh: no trial uses a tap twice. A trial that uses up the stored taps of a class decides there; intervals "
-        "cover any outcome of further taps."
-    )
+        f"cover any outcome of further taps. {data.attrs['of_sessions']}"
+    ).rstrip()
 
 
 def _edges(decisions: DecidedTrials, stopped_only: bool, M: int) -> NDArray[np.float64]:
@@ -457,5 +457,10 @@ def _dataset(
             "true": np.array(subject.names, dtype=np.str_),
             "decided": np.array(subject.names, dtype=np.str_),
         },
-        {**attributes, "decides": subject.kind, "sessions": sessions_drawn(subject.table)},
+        {
+            **attributes,
+            "decides": subject.kind,
+            "sessions": sessions_drawn(subject.table),
+            "of_sessions": sessions_in_words(subject.table),
+        },
     )

@@ -14,7 +14,7 @@ from scipy.special import stdtrit
 from ...inference.trials.records import TapTable
 from ...inference.trials.resampling import CONFIDENCE, Spread, spread
 from ...inference.trials.selections import resampled_pools
-from ...models.grid import ClassGrid, tap_pool
+from ...models.grid import ClassGrid, episode_sessions, tap_pool
 from ...models.taps import TapSet
 
 RESAMPLES = 40
@@ -79,8 +79,9 @@ def unit_factor(how: Spread) -> float:
 
 def spread_of_taps(test: TapSet, grid: ClassGrid) -> Spread:
     """How resamples of test taps turn into intervals, and why they may be off."""
-    nothing = np.empty((len(test), 0, 0))
-    return spread(TapTable(nothing, tap_pool(*test.indices(grid), grid.shape), nothing[0], session=test.session))
+    nothing, (where, what) = np.empty((len(test), 0, 0)), test.indices(grid)
+    pool = tap_pool(where, what, grid.shape, episode_sessions(where, what, test.session))
+    return spread(TapTable(nothing, pool, nothing[0], session=test.session))
 
 
 def resampled_sentence(test: TapSet, grid: ClassGrid) -> str:

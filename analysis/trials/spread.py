@@ -25,7 +25,7 @@ from ...inference.trials.resampling import (
     trial_noise,
     widened,
 )
-from ...inference.trials.selections import sessions_drawn
+from ...inference.trials.selections import sessions_drawn, sessions_in_words
 from ...inference.trials.tally import tally
 from ...models.grid import ClassGrid
 from ...models.settings import PlaySettings
@@ -173,8 +173,7 @@ def _few(table: TapTable, thresholds: Floats, how: Spread, used_up: Floats) -> s
 
 def _sentence(table: TapTable) -> str:
     """What intervals hold, from what is drawn anew, and whether a trial mixes sessions."""
-    taps, drawn = table.pool.order, sessions_drawn(table)
-    sessions = 1 if table.session is None else len(np.unique(np.asarray(table.session)[taps]))
+    drawn, trials = sessions_drawn(table), sessions_in_words(table)
     held = (
         f"{resamples_in_words(drawn)}; they cover other test sessions"
         if drawn > 1
@@ -182,11 +181,7 @@ def _sentence(table: TapTable) -> str:
         "data"
     )
     missing = "" if drawn > 1 else ", but not other sessions"
-    mixed = (
-        f" Each trial draws taps of all {sessions} test sessions, so differences between sessions average out; errors "
-        "within one session (--test N) may be larger."
-    )
     return (
         f"Brackets are {CONFIDENCE:.0%} intervals from {RESAMPLES} resamples of the test taps {held} of these "
-        f"classes{missing}, for the same model.{mixed if sessions > 1 else ''}"
+        f"classes{missing}, for the same model. {trials}".rstrip()
     )

@@ -221,21 +221,21 @@ def _tried(
     table: TapTable, border: Border, loss: Loss, taps: int, trials: int, seed: int
 ) -> Iterator[tuple[Integers, int, Floats]]:
     """Every target after 1 to `BEFORE` taps at one position: estimates (n,), target and losses (n,)."""
-    L, M = table.pool.nearest.shape
+    L, M = table.pool.shape
     plan = plan_trials(table.pool, trials, seed)
     words = seeds.words(seed, plan.stream, seeds.TAPS, 0, BEFORE + taps)
     carried = np.broadcast_to(table.log_prior, (trials, *table.log_prior.shape))
     for before in range(BEFORE):
-        tap = drawn_taps(table, plan.where, plan.what, words[:, before])
+        tap = drawn_taps(table, plan.session, plan.where, plan.what, words[:, before])
         carried, _ = updated(carried, table.log_likelihood[tap])
         belief = np.exp(log_fold(temper(carried, share(before + 1, table.saturation)), M))
         here = where_beliefs(belief).argmax(axis=-1)
         for target in range(L):
             delta = target - here
-            at = table.pool.nearest[np.clip(plan.where + delta, 0, L - 1), plan.what]
+            at = table.pool.nearest[plan.session, np.clip(plan.where + delta, 0, L - 1), plan.what]
             log_belief = shifted(carried, delta, border, M, table.trained)
             for more in range(taps):
-                tap = drawn_taps(table, at, plan.what, words[:, BEFORE + more])
+                tap = drawn_taps(table, plan.session, at, plan.what, words[:, BEFORE + more])
                 log_belief, _ = updated(log_belief, table.log_likelihood[tap])
             read = log_fold(temper(log_belief, share(before + 1 + taps, table.saturation)), M)
             yield here, target, _losses(np.exp(read).sum(axis=1), plan.what, loss)

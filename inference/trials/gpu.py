@@ -130,6 +130,7 @@ class _Plan(NamedTuple):
     what: jax.Array
     fixation: jax.Array
     stream: jax.Array
+    session: jax.Array
 
 
 class _Record(NamedTuple):
@@ -261,7 +262,7 @@ def _choose(condition: jax.Array, new: jax.Array, old: jax.Array) -> jax.Array:
 def _fresh(tables: _Tables, plan: _Plan, trial: jax.Array) -> _Slot:
     """A trial before its first tap; a number past the plan's end gives an idle slot."""
     row = jnp.minimum(trial, len(plan.where) - 1)
-    at = tables.nearest[plan.where[row], plan.what[row]]
+    at = tables.nearest[plan.session[row], plan.where[row], plan.what[row]]
     zero = jnp.zeros((), dtype=jnp.int64)
     none = jnp.zeros(len(tables.thresholds), dtype=jnp.int64)
     return _Slot(
@@ -291,23 +292,27 @@ def _tap(
 ) -> _Slot:
     """One tap of one trial and the move after it; the order of `episode.perceive`."""
     row = jnp.minimum(slot.trial, len(plan.where) - 1)
-    held = plan.what[row]
+    session, held = plan.session[row], plan.what[row]
     word = _word(tables.key, plan.stream[row], slot.tap)
-    number = seeds.below(word, tables.size[slot.at, held].astype(jnp.uint64)).astype(jnp.int64)
-    index = tables.order[tables.first[slot.at, held] + number]
+    number = seeds.below(word, tables.size[session, slot.at, held].astype(jnp.uint64)).astype(jnp.int64)
+    index = tables.order[tables.first[session, slot.at, held] + number]
     log_belief, log_evidence = update(slot.log_belief, tables.log_likelihood[index])
     none_left = jnp.isneginf(log_evidence)
     log_belief = jnp.where(none_left, slot.log_belief, log_belief)
     read = temper(log_belief, tables.saturation / (slot.tap + 1 - none_left)) if saturates else log_belief
     belief = jnp.exp(read)
     where, what = belief.sum(1), belief.sum(0)
-    M = tables.nearest.shape[1]
+    M = tables.nearest.shape[2]
     states = len(what) // M
     if states > 1:
         what = what.reshape(states, M).sum(0)
     slot = _decide(tables, slot._replace(log_belief=log_belief), where, what, deadline, none_left)
     slot = slot._replace(tap=slot.tap + 1)
-    return _move(tables, slot, where, plan.fixation[row], held, border, states) if moving else slot
+    return (
+        _move(tables, slot, where, plan.fixation[row], tables.nearest[session, :, held], border, states)
+        if moving
+        else slot
+    )
 
 
 def _decide(
@@ -325,13 +330,13 @@ def _decide(
 
 
 def _move(
-    tables: _Tables, slot: _Slot, where: jax.Array, fixation: jax.Array, held: jax.Array, border: int, states: int
+    tables: _Tables, slot: _Slot, where: jax.Array, fixation: jax.Array, nearest: jax.Array, border: int, states: int
 ) -> _Slot:
     """Eq. 8 to 10; the true position is clipped to the range, the belief shifts by the commanded move."""
     delta = jnp.where(where.max() > tables.theta_x, fixation - where.argmax(), 0)
     commanded = slot.at + delta
     reached = jnp.clip(commanded, 0, len(where) - 1)
-    landed = tables.nearest[reached, held]
+    landed = nearest[reached]
     return slot._replace(
         log_belief=shift(slot.log_belief, delta, border, states, tables.trained),
         at=landed,

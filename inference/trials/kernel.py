@@ -36,6 +36,7 @@ _POWER_LEFT_OUT = -64.0  # power of two that a class left out adds to a total of
 _UNIT = 2.0**-UNIT
 _MOVED = 1024  # classes moved at a time, so that they stay in the first cache
 _LEAST = 2.0**-900  # of a class; products with most likelihoods stay well clear of subnormal numbers, which are slow
+_NORMAL = 2.0**-1022  # below it, a product may have become 0
 
 
 @compiled
@@ -144,7 +145,7 @@ def play(
         trials: Its rows are filled in.
     """
     hypotheses, L = prior.z.shape
-    M = pool.nearest.shape[1]
+    M = pool.nearest.shape[2]
     states, H = hypotheses // M, len(rule.thresholds)
     start, belief, ones = np.empty((hypotheses, L)), np.empty((hypotheses, L)), np.ones((hypotheses, L))
     start_least, start_left_out = plain(prior.z, prior.k, start)
@@ -168,8 +169,9 @@ def play(
         least, left_out, exact = start_least, start_left_out, False
         since = 0  # taps that the scaled belief does not know of
         moves[0] = 0
-        held = plan.what[i]
-        at = pool.nearest[plan.where[i], held]
+        held, session = plan.what[i], plan.session[i]
+        begin, count, nearest = pool.first[session], pool.count[session], pool.nearest[session]
+        at = nearest[plan.where[i], held]
         clamped, substituted = 0, np.int64(at != plan.where[i])
         earlier_clamped = earlier_substituted = np.int64(0)  # up to the last tap
         while drawn > 0:  # a trial depends on its stream only, so what the last one shuffled is put back
@@ -183,7 +185,7 @@ def play(
                 block = np.uint64(tap // PER_BLOCK)
                 random_blocks(words, block, TAPS, stream & LOW, stream >> HALF, rule.key0, rule.key1)
             word = words[tap % PER_BLOCK * BLOCKS + tap // PER_BLOCK % BLOCKS]
-            left = pool.count[at, held] - taken[at]
+            left = count[at, held] - taken[at]
             if left == 0:
                 while decided < H:
                     h = rule.column[decided]
@@ -198,10 +200,10 @@ def play(
                     trials.used_up[i, h] = True
                     decided += 1
                 break
-            place = pool.first[at, held] + taken[at] + np.int64((word * np.uint64(left)) >> HALF)
+            place = begin[at, held] + taken[at] + np.int64((word * np.uint64(left)) >> HALF)
             index = order[place]
             if rule.fresh:  # a step of the shuffle of Fisher and Yates
-                front[drawn], chosen[drawn], visited[drawn] = pool.first[at, held] + taken[at], place, at
+                front[drawn], chosen[drawn], visited[drawn] = begin[at, held] + taken[at], place, at
                 order[place], order[front[drawn]] = order[front[drawn]], index
                 taken[at] += 1
                 drawn += 1
@@ -221,6 +223,8 @@ def play(
                 most_left_out = total * 2.0 ** (_POWER_LEFT_OUT * known / saturation)
             if total < _LEAST_TOTAL or least < _LEAST or left_out > most_left_out:
                 scale = 1.0
+                if least < _NORMAL:
+                    left_out = max(left_out, _FAR)
                 if 0 < total < _LEAST_TOTAL:
                     scale = math.ldexp(1.0, -math.frexp(total)[1])
                 if total == 0 or scale * left_out > _LEFT_OUT or known > saturation:
@@ -307,6 +311,6 @@ def play(
                     moves[since] = delta
                     commanded = at + delta
                     reached = min(max(commanded, 0), L - 1)
-                    at = pool.nearest[reached, held]
+                    at = nearest[reached, held]
                     clamped += reached != commanded
                     substituted += at != reached

@@ -124,13 +124,13 @@ def play(
     if deadline < 1:
         raise InputError(f"deadline must be at least 1 tap, got {deadline}.")
     plan = checked_plan(plan, table.pool)
-    (L, M), hypotheses = table.pool.nearest.shape, table.log_prior.shape[1]
+    (L, M), hypotheses = table.pool.shape, table.log_prior.shape[1]
     refuse_border(border_number(border), hypotheses, M)
     n = len(plan.where)
     record = _empty(n, deadline, M, plan.what)
     numbers = seeds.words(seed, plan.stream, seeds.TAPS, 0, deadline)
     chance = seeds.uniform(seeds.words(seed, plan.stream, seeds.CHANCE, 0, deadline))
-    at = table.pool.nearest[plan.where, plan.what]
+    at = table.pool.nearest[plan.session, plan.where, plan.what]
     zero = np.zeros(n, np.int64)
     state = _Running(
         np.arange(n),
@@ -141,8 +141,8 @@ def play(
         (at != plan.where).astype(np.int64),
     )
     for t in range(deadline):
-        held = plan.what[state.row]
-        tap = drawn_taps(table, state.at, held, numbers[state.row, t])
+        session, held = plan.session[state.row], plan.what[state.row]
+        tap = drawn_taps(table, session, state.at, held, numbers[state.row, t])
         log_belief, none_left = updated(state.log_belief, table.log_likelihood[tap])
         state = state._replace(log_belief=log_belief)
         read = temper(log_belief, share(t + 1, table.saturation))
@@ -164,7 +164,7 @@ def play(
             progress(int(ended.sum()))
         if ended.all():
             break
-        state = _moved(state.keep(~ended), moves[~ended], held[~ended], table, border)
+        state = _moved(state.keep(~ended), moves[~ended], session[~ended], held[~ended], table, border)
     return _filled(record)
 
 
@@ -181,11 +181,11 @@ def updated(log_belief: Floats, log_likelihood: Floats) -> tuple[Floats, NDArray
     return joint - total, none_left[:, 0, 0]
 
 
-def drawn_taps(table: TapTable, at: Integers, held: Integers, word: NDArray[np.uint64]) -> Integers:
+def drawn_taps(table: TapTable, session: Integers, at: Integers, held: Integers, word: NDArray[np.uint64]) -> Integers:
     """Test tap of each trial's class selected by a random word, as in `run_trials`; shape (n,)."""
     pool = table.pool
-    number = seeds.below(word, pool.count[at, held].astype(np.uint64)).astype(np.int64)
-    return pool.order[pool.first[at, held] + number]
+    number = seeds.below(word, pool.count[session, at, held].astype(np.uint64)).astype(np.int64)
+    return pool.order[pool.first[session, at, held] + number]
 
 
 def shifted(log_belief: Floats, delta: Integers, border: Border, M: int, trained: Mask | None = None) -> Floats:
@@ -211,11 +211,13 @@ def shift_beliefs(log_belief: Floats, delta: Integers, border: Border, trained: 
     return after - log_sum(after, (1, 2)) if border == "prior" else after
 
 
-def _moved(state: _Running, delta: Integers, held: Integers, table: TapTable, border: Border) -> _Running:
+def _moved(
+    state: _Running, delta: Integers, session: Integers, held: Integers, table: TapTable, border: Border
+) -> _Running:
     """Sensors after their moves, limited to the range, and beliefs shifted by the commanded moves."""
-    L, M = table.pool.nearest.shape
+    L, M = table.pool.shape
     reached = np.clip(state.at + delta, 0, L - 1)
-    at = table.pool.nearest[reached, held]
+    at = table.pool.nearest[session, reached, held]
     return state._replace(
         log_belief=shifted(state.log_belief, delta, border, M, table.trained),
         at=at,

@@ -66,7 +66,7 @@ def tally_policy(
     thresholds = np.atleast_1d(np.asarray(thresholds, dtype=np.float64))
     if trials < 1 or not len(thresholds) or np.isnan(thresholds).any():
         raise InputError(f"trials must be at least 1 and thresholds not NaN, got {trials} and {thresholds}.")
-    L, M = table.pool.nearest.shape
+    L, M = table.pool.shape
     total = Tally.empty(len(thresholds), L, M)
     end = first_stream + trials
     for stream in range(first_stream, end, _AT_ONCE):

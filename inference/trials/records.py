@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ...models import seeds
 from ...models.errors import InputError
-from ...models.grid import ClassGrid, TapPool, tap_pool
+from ...models.grid import ClassGrid, TapPool, episode_sessions, tap_pool
 from ...models.measurement.model import TapModel
 from ...models.taps import TapSet
 
@@ -20,10 +20,10 @@ class TapTable(NamedTuple):
     Attributes:
         log_likelihood: log P(z | class) of every tap, shape (N, L, S M): hypothesis s M + m is object m in state s of
             the episode, see `models.measurement.states`; without states S is 1.
-        pool: Which taps belong to which class; its arrays have the shape (L, M).
+        pool: Which taps belong to which class, and to which of the sessions that trials stay in.
         log_prior: Log belief before the first tap, shape (L, S M).
         saturation: How many taps' evidence a sequence of them carries at most, see `saturation`.
-        session: Session of each tap, shape (N,); `None` where all are of one.
+        session: Recorded session of each tap, shape (N,); `None` where all are of one.
         given_trained: Which classes belief may move into, shape (L, M); `None` for those with a prior above 0.
     """
 
@@ -39,8 +39,15 @@ class TapTable(NamedTuple):
         """Mask of the classes that may have belief, shape (L, M)."""
         if self.given_trained is not None:
             return self.given_trained
-        L, M = self.pool.nearest.shape
+        L, M = self.pool.shape
         return (self.log_prior > -np.inf).reshape(L, -1, M).any(axis=1)
+
+    def recorded_session(self, number: int) -> int | None:
+        """Recorded session of a number in a plan; `None` where trials draw taps of all."""
+        pool = self.pool
+        if len(pool.count) == 1 or self.session is None:
+            return None
+        return int(self.session[pool.order[pool.first[number][pool.count[number] > 0][0]]])
 
 
 class TrialPlan(NamedTuple):
@@ -51,12 +58,14 @@ class TrialPlan(NamedTuple):
         what: Class of the object, shape (n,).
         fixation: Class that the sensor aims for, shape (n,).
         stream: Random stream, shape (n,); trials of one stream see the same random numbers.
+        session: Number of the session in the pool that its taps are drawn from, shape (n,).
     """
 
     where: NDArray[np.intp]
     what: NDArray[np.intp]
     fixation: NDArray[np.intp]
     stream: NDArray[np.intp]
+    session: NDArray[np.intp]
 
 
 class Rule(NamedTuple):
@@ -219,7 +228,7 @@ def tap_table(model: TapModel, taps: TapSet) -> TapTable:
         taps: Test taps, all of trained classes (see `TapModel.usable`).
     """
     where, what = taps.indices(model.grid)
-    pool = tap_pool(where, what, model.grid.shape)
+    pool = tap_pool(where, what, model.grid.shape, episode_sessions(where, what, taps.session))
     return TapTable(
         model.judging(taps).log_likelihood(taps.samples),
         pool,
@@ -233,7 +242,7 @@ def tap_table(model: TapModel, taps: TapSet) -> TapTable:
 def plan_trials(
     pool: TapPool, trials: int, seed: int, fixation: int = 0, where: int | None = None, first_stream: int = 0
 ) -> TrialPlan:
-    """Trials that start in classes with a test tap, drawn uniformly over those.
+    """Trials that start in classes with a test tap, drawn uniformly over those of every session.
 
     The start of a trial depends on the seed and its stream only, so a plan can be made in pieces.
 
@@ -254,15 +263,15 @@ def plan_trials(
         raise InputError(f"Streams must be from 0 to {seeds.MOST_STREAM}, got {first_stream} and following.")
     cells = np.argwhere(pool.count > 0)
     if where is not None:
-        cells = cells[cells[:, 0] == where]
+        cells = cells[cells[:, 1] == where]
     if not len(cells):
         raise InputError(f"Position {where} has no test tap to start from.")
     stream = first_stream + np.arange(trials)
     kept = trials <= _KEPT
     word = (_start_words if kept else _start_words.__wrapped__)(seed, first_stream, trials)
     start = cells[seeds.below(word, np.uint64(len(cells))).astype(np.intp)]
-    where_class, what_class = (np.ascontiguousarray(column) for column in start.T)
-    return TrialPlan(where_class, what_class, np.full(trials, fixation, dtype=np.intp), stream)
+    session, where_class, what_class = (np.ascontiguousarray(column) for column in start.T)
+    return TrialPlan(where_class, what_class, np.full(trials, fixation, dtype=np.intp), stream, session)
 
 
 _KEPT = 5000  # trials at most whose starts are kept, as many as resamples have
@@ -295,17 +304,22 @@ def checked_plan(plan: TrialPlan, pool: TapPool) -> TrialPlan:
     """Plan in the form of the compiled loops.
 
     Raises:
-        InputError: Its columns differ in length, or it names a class that is not there or an object without a tap.
+        InputError: Its columns differ in length, or it names a class or session that is not there, or an object
+            without a tap.
     """
     plan = TrialPlan(*(np.ascontiguousarray(column, dtype=np.int64) for column in plan))
     if len({column.shape for column in plan}) != 1 or plan.where.ndim != 1:
         raise InputError(f"The columns of a plan differ in shape: {', '.join(str(column.shape) for column in plan)}.")
-    L, M = pool.nearest.shape
+    (L, M), S = pool.shape, len(pool.count)
     inside = (plan.where >= 0) & (plan.where < L) & (plan.what >= 0) & (plan.what < M)
     if not inside.all():
         i = int(inside.argmin())
         raise InputError(f"Trial {i} starts in class ({plan.where[i]}, {plan.what[i]}), outside the {L} x {M} classes.")
-    empty = pool.nearest[plan.where, plan.what] < 0
+    known = (plan.session >= 0) & (plan.session < S)
+    if not known.all():
+        i = int(known.argmin())
+        raise InputError(f"Trial {i} stays in session {plan.session[i]} of {S} sessions.")
+    empty = pool.nearest[plan.session, plan.where, plan.what] < 0
     if empty.any():
         raise InputError(f"Trial {int(empty.argmax())} uses object {plan.what[empty][0]}, which has no test tap.")
     return plan

@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import stdtrit
 
-from ...models.grid import TapPool
+from ...models.grid import FEW_TAPS, TapPool
 from ...models.settings import PlaySettings
 from ...models.threads import cores, in_order
 from .records import TapTable, TrialPlan, Trials, checked_plan, plan_trials
@@ -38,8 +38,6 @@ type Floats = NDArray[np.float64]
 
 RESAMPLES = 100
 CONFIDENCE = 0.95
-FEW = 10
-"""Fewest taps per class with reliable intervals, see docs/explanation/intervals.md."""
 _FEW_SESSIONS, _FEW_FREEDOM = 4, 10.0
 RESAMPLE_TRIALS = 2000
 USED_UP = 0.05
@@ -302,7 +300,7 @@ def resamples_in_words(sessions: int, thinned: bool = True) -> str:
 
 
 def taps_per_class(pool: TapPool) -> int:
-    """Median number of taps per class, over classes with taps."""
+    """Median number of taps per class that a trial can draw, over classes with taps."""
     return max(1, int(np.median(pool.count[pool.count > 0])))
 
 
@@ -340,7 +338,7 @@ def too_few(
             "wide.",
         ),
         (sessions > 1, ""),
-        (taps < FEW, f"Too few test taps, about {taps} per class: intervals are rough."),
+        (taps < FEW_TAPS, f"Too few test taps, about {taps} per class: intervals are rough."),
         (
             freedom is not None and freedom < _FEW_FREEDOM,
             "Some classes have a single test tap, too few to estimate their variation, so intervals are wide.",
@@ -477,7 +475,7 @@ def planned_trials(trials: int, resamples: int = RESAMPLES, resample_trials: int
 
 def _start(pool: TapPool, where: int | None) -> int | None:
     """Initial position, or `None` if a resample of sessions lacks it."""
-    if where is None or not 0 <= where < len(pool.count):
+    if where is None or not 0 <= where < pool.shape[0]:
         return where
-    held = np.flatnonzero(pool.count.any(axis=1))
+    held = np.flatnonzero(pool.count.any(axis=(0, 2)))
     return int(held[np.abs(held - where).argmin()])

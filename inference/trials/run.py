@@ -145,7 +145,7 @@ def check_table(table: TapTable, rule: Rule) -> None:
     """Refuses tables that no trial can be played on; errors as for `make_player`."""
     if not ((table.log_likelihood < np.inf).all() and (table.log_prior < np.inf).all()):
         raise InputError("The table of log-likelihoods or the prior contains NaN or +inf.")
-    (L, M), hypotheses = table.pool.nearest.shape, table.log_prior.shape[-1]
+    (L, M), hypotheses = table.pool.shape, table.log_prior.shape[-1]
     if table.log_prior.shape != table.log_likelihood.shape[1:] or len(table.log_prior) != L or hypotheses % M:
         raise InputError(
             f"Shapes do not match: prior {table.log_prior.shape}, log-likelihoods of a tap "

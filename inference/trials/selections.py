@@ -7,13 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...models import seeds
-from ...models.grid import TapPool, pool_of
+from ...models.grid import FEW_TAPS, TapPool, pool_of, sessions_alike
 from .records import TapTable
 
 LEFT_OUT = 1 / 3
 """Mean number left out for each that stays in `thinned_pools`, so that these vary a third as much as data sets do."""
 _DROPPED = 0.5  # of the resamples lack a class of one tap
-_LOST = 10  # there must be so many classes for each that only one session holds
 
 
 def resampled_pools(table: TapTable, resamples: int, seed: int) -> Iterator[TapPool]:
@@ -48,21 +47,34 @@ def thinned_pools(table: TapTable, resamples: int, seed: int) -> Iterator[TapPoo
 def session_sizes(table: TapTable) -> NDArray[np.intp]:
     """Number of taps of each session that a repeated study would redraw.
 
-    These are the sessions that test, if they hold the same classes. Where less than nine tenths of the classes remain
-    without one of them, sessions cannot be told from classes, and taps count as drawn, all as of one session.
+    These are the sessions that test, if they hold the same classes, see `sessions_alike`. If not, taps count as drawn,
+    all as of one session.
     """
     taps, cell = _in_classes(table)
-    sessions = _sessions_apart(table, taps)
-    classes = [np.unique(cell[member]) for member in sessions]
-    sessions_with = np.bincount(np.concatenate(classes))
-    lost = max(np.count_nonzero(sessions_with[held] == 1) for held in classes)
-    alike = _LOST * lost <= np.count_nonzero(sessions_with)
-    return np.array([len(member) for member in sessions] if alike else [len(taps)])
+    L, M = table.pool.shape
+    session = sessions_of(table)[taps]
+    if not sessions_alike(cell % (L * M), session):
+        return np.array([len(taps)])
+    return np.unique(session, return_counts=True)[1]
 
 
 def sessions_drawn(table: TapTable) -> int:
     """Number of sessions that a repeated study would redraw; 1 if only taps, see `session_sizes`."""
     return len(session_sizes(table))
+
+
+def sessions_in_words(table: TapTable) -> str:
+    """Sentence on the sessions that a trial draws taps of; empty where one tests."""
+    tested = np.unique(sessions_of(table)[table.pool.order])
+    if len(tested) == 1:
+        return ""
+    if len(table.pool.count) > 1:
+        return f"Each trial stays in one of the {len(tested)} test sessions."
+    why = f"a class has fewer than {FEW_TAPS} taps in one" if sessions_drawn(table) > 1 else "they hold other classes"
+    return (
+        f"Each trial draws taps of all {len(tested)} test sessions, as {why}, so differences between sessions average "
+        "out; errors within one session may be larger."
+    )
 
 
 def _pools(
@@ -78,7 +90,7 @@ def _pools(
             selected = np.concatenate([member for s, member in enumerate(sessions) if s != r % drawn])
         else:
             selected = select(group, generator)
-        yield pool_of(taps[selected], cell[selected], table.pool.nearest.shape)
+        yield pool_of(taps[selected], cell[selected], table.pool.count.shape)
 
 
 def _left_out(size: NDArray[np.intp], generator: np.random.Generator) -> NDArray[np.intp]:
@@ -109,7 +121,7 @@ def uncaught(table: TapTable, factor: float) -> tuple[float, float]:
     Returns:
         Without a lone tap 1 and infinite.
     """
-    size = table.pool.count[table.pool.count > 0]
+    size = table.pool.per_class[table.pool.per_class > 0]
     alone = np.count_nonzero(_alone(size))
     others, counts = (1 / size[size > 1]).sum(), len(size) / (len(size) - _DROPPED * alone)
     if not alone:
@@ -154,7 +166,7 @@ class _Group(NamedTuple):
 
 
 def _in_classes(table: TapTable) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Taps sorted by class, and their classes."""
+    """Taps sorted by session and class, and these as (s L + l) M + m."""
     pool = table.pool
     count = pool.count.ravel()
     cell = np.repeat(np.arange(len(count)), count)

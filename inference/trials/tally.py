@@ -115,7 +115,7 @@ def tally_trials(
     tasks = (
         partial(piece, stream, min(player.at_once, end - stream)) for stream in range(first_stream, end, player.at_once)
     )
-    L, M = table.pool.nearest.shape
+    L, M = table.pool.shape
     total = Tally.empty(len(rule.thresholds), L, M)
     for part in in_order(tasks, cores(workers) if device == "cpu" else 1):
         total = total.plus(part)
@@ -130,7 +130,7 @@ def _piece(
     plan = plan_trials(table.pool, n, seed, fixation, where, stream)
     trials = empty_trials(n, len(rule.thresholds))
     play(plan, 0, n, trials)
-    L, M = table.pool.nearest.shape
+    L, M = table.pool.shape
     return tally(trials, plan, (L, M))
 
 

@@ -136,7 +136,7 @@ def _positions(parts: Parts, passive: bool) -> NDArray[np.intp]:
     """Positions to play trials at."""
     if not passive:
         return np.arange(parts.grid.L)
-    there = np.all([part.table.pool.count.sum(axis=1) > 0 for part in parts.parts], axis=0)
+    there = np.all([part.table.pool.count.any(axis=(0, 2)) for part in parts.parts], axis=0)
     if not there.any():
         raise InputError("Passive trials need a position with taps in every part of the training taps; there is none.")
     return np.flatnonzero(there)

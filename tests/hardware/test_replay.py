@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from solidtouch.hardware.named_rigs import Wish, open_source
 from solidtouch.hardware.replay import ReplayRig, as_uniforms
 from solidtouch.models.errors import InputError
 from solidtouch.models.preprocessing import Preprocessing
@@ -58,6 +59,37 @@ def test_a_start_without_a_tap_is_replaced_and_counted(recording, grid):
     rig = replay(recording, grid, 1)
 
     assert (rig.where_index, rig.substituted) == (0, 1)
+
+
+def test_a_rig_may_stay_in_a_session(recording, grid):
+    """It then draws its taps alone, and stands where these are; a session or object without a tap is refused."""
+    dataset = recording.dataset.copy(deep=True)
+    dataset["session"] = dataset["session"].copy(data=[0, 0, 1, 1, 1, 0, 1])
+    taps, numbers = TapSet(dataset), [0.0, 0.49, 0.51, 0.99]
+    rig = ReplayRig(taps, grid, 0, 0, iter(numbers), session=1)
+    assert [int(rig.tap()[0, 0]) for _ in numbers] == [2, 2, 4, 4]
+    alone = ReplayRig(taps.select(taps.session == 0), grid, 4, 0, iter(numbers))
+    rig = ReplayRig(taps, grid, 4, 0, iter(numbers), session=0)
+    assert rig.where_index == alone.where_index == 3
+    assert [rig.tap().tolist() for _ in numbers] == [alone.tap().tolist() for _ in numbers]
+    with pytest.raises(InputError, match="no tap of session 2 inside the class grid"):
+        ReplayRig(taps, grid, 0, 0, session=2)
+    with pytest.raises(InputError, match="no tap of thick in session 1"):
+        ReplayRig(taps, grid, 0, 1, session=1)
+
+
+@pytest.mark.parametrize(("repeats", "apart"), [(10, True), (9, False)])
+def test_a_named_replay_stays_in_a_session_that_can_stand_alone(make_taps, tmp_path, repeats, apart):
+    """Each episode draws one of them, and all are drawn; with fewer than ten taps of a class in a session taps mix."""
+    taps = make_taps(sessions=3, repeats=repeats, M=1, J=2, K=1)
+    dataset = taps.dataset.copy(deep=True)
+    dataset["taps"] = dataset["taps"] * 0 + dataset["session"]
+    TapSet(dataset).save(tmp_path / "taps.nc")
+    with open_source(f"replay:{tmp_path / 'taps.nc'}", taps.grid(), Wish(None, None, 3)) as source:
+        sensors = [source.place(episode).sensor for episode in range(20)]
+        drawn = [{float(sensor.tap()[0, 0]) for _ in range(20)} for sensor in sensors]
+    assert {len(of) for of in drawn} == ({1} if apart else {3})
+    assert set.union(*drawn) == {0.0, 1.0, 2.0}
 
 
 def test_moves_beyond_the_range_are_counted(recording, grid):

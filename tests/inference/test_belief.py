@@ -54,7 +54,7 @@ def models(taps):
 def plan():
     rng = np.random.default_rng(3)
     place, held, point = (rng.integers(n, size=TRIALS) for n in (L, M, L))
-    return TrialPlan(place, held, point, rng.permutation(100)[:TRIALS])
+    return TrialPlan(place, held, point, rng.permutation(100)[:TRIALS], 0 * held)
 
 
 def softmax(values):
@@ -139,7 +139,7 @@ def test_trials_are_episodes_on_the_same_taps(models, taps, plan, saturation, th
             table, plan, THETAS, play=PlaySettings(theta_x=theta_x, border=border, deadline=DEADLINE), seed=SEED
         )
         engine = make_engine("filter", model, border)
-        for i, (where, what, point, stream) in enumerate(zip(*plan, strict=True)):
+        for i, (where, what, point, stream, _) in enumerate(zip(*plan, strict=True)):
             for h, theta in enumerate(THETAS):
                 rig = rig_of(taps, model, where, what, stream)
                 episode = perceive(rig, engine, theta, fixation(int(point), theta_x), DEADLINE)
@@ -212,7 +212,7 @@ def test_classes_far_below_double_precision_come_back():
     """After n taps of 700 nats each against a class, its share of n0 = .001 taps is 0.7 nats below the others'."""
     log_likelihood = np.array([[[0.0, -700.0, -1400.0]], [[-700.0, 0.0, -1400.0]]])
     pool = tap_pool([0, 0], [0, 1], (1, 3))
-    plan = TrialPlan(*(np.array([[0, 0], [0, 1], [0, 0], [0, 1]])))
+    plan = TrialPlan(*(np.array([[0, 0], [0, 1], [0, 0], [0, 1], [0, 0]])))
     table = TapTable(log_likelihood, pool, np.log(np.full((1, 3), 1 / 3)), 1e-3)
     trials = run_trials(table, plan, (1.0,), play=PlaySettings(theta_x=1.0, deadline=30))
     expected = softmax(1e-3 * np.array([0.0, -700.0, -1400.0])).max()

@@ -271,7 +271,7 @@ def test_trials_are_episodes_on_grids_with_holes(recorded, pattern, pseudocount)
         record = lockstep.play(table, plan, fixation(4), border=border, deadline=deadline)
         assert record.no_class_left.tolist() == trials.no_class_left[:, -1].tolist()
         engine = make_engine("numpy", model, border)
-        for i, (where, what, point, stream) in enumerate(zip(*plan, strict=True)):
+        for i, (where, what, point, stream, _) in enumerate(zip(*plan, strict=True)):
             uniforms = trial_uniforms(0, stream, deadline).tolist()
             for h, theta in enumerate(thetas):
                 rig = ReplayRig(taps, model.grid, where, what, iter(uniforms))

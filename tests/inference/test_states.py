@@ -63,11 +63,11 @@ def shift_states(log_belief, delta, border):
     return np.hstack([reference.shift_log(of, delta, border) + np.logaddexp.reduce(of.ravel()) for of in states])
 
 
-def naive_trial(case, where, what, target, stream, theta_x, border):
+def naive_trial(case, where, what, target, stream, session, theta_x, border):
     """One trial at `THETAS`: rows of (taps, what, where, true where, stopped, belief)."""
-    belief, at, rows = case.prior, int(case.table.pool.nearest[where, what]), {}
+    belief, at, rows = case.prior, int(case.table.pool.nearest[session, where, what]), {}
     for number, uniform in enumerate(trial_uniforms(SEED, stream, DEADLINE), start=1):
-        belief = belief * case.likelihood[case.table.pool.pick(at, what, uniform)]
+        belief = belief * case.likelihood[case.table.pool.pick(at, what, uniform, session)]
         belief = belief / belief.sum()
         whats, wheres = belief.sum(axis=(0, 2)), belief.sum(axis=(1, 2))
         for theta in THETAS:
@@ -77,7 +77,7 @@ def naive_trial(case, where, what, target, stream, theta_x, border):
         if wheres.max() > theta_x:
             delta = int(target - wheres.argmax())
             belief = naive_shift(belief, delta, border)
-            at = int(case.table.pool.nearest[min(max(at + delta, 0), L - 1), what])
+            at = int(case.table.pool.nearest[session, min(max(at + delta, 0), L - 1), what])
     return [rows[theta] for theta in THETAS]
 
 
@@ -93,7 +93,7 @@ class Case:
         self.taps = self.model.taps_of(self.where, self.what)
         self.table = tap_table(self.model, self.taps)
         held = rng.permutation(60)[:TRIALS]
-        self.plan = TrialPlan(rng.integers(L, size=TRIALS), held % M, rng.integers(L, size=TRIALS), held)
+        self.plan = TrialPlan(rng.integers(L, size=TRIALS), held % M, rng.integers(L, size=TRIALS), held, 0 * held)
 
     def state(self, s):
         """The table of one state alone."""
@@ -184,7 +184,7 @@ def test_the_trials_above_are_not_trivial(case, naive):
 def test_steps_show_the_belief_summed_over_states(case, border):
     """Before and after each tap; the states' own belief beside it; and moves and decisions are made on the sums."""
     engine, moves, decisions = FilterEngine(case.model, border), set(), set()
-    for where, what, target, stream in zip(*(column[:8] for column in case.plan), strict=True):
+    for where, what, target, stream, _ in zip(*(column[:8] for column in case.plan), strict=True):
         rig = ReplayRig(case.taps, case.model.grid, where, what, iter(trial_uniforms(SEED, stream, DEADLINE)))
         belief = case.prior
         for step in steps(rig, engine, 0.97, fixation(int(target)), DEADLINE):
@@ -211,7 +211,7 @@ def test_steps_show_the_belief_summed_over_states(case, border):
 def test_episodes_are_the_trials(case):
     """Reaction time, decisions, places and beliefs of every trial; beliefs of an episode have the shape (T, L, M)."""
     trials, engine, differ = case.play(), FilterEngine(case.model), 0
-    for i, (where, what, target, stream) in enumerate(zip(*case.plan, strict=True)):
+    for i, (where, what, target, stream, _) in enumerate(zip(*case.plan, strict=True)):
         rig = ReplayRig(case.taps, case.model.grid, where, what, iter(trial_uniforms(SEED, stream, DEADLINE)))
         episode = perceive(rig, engine, THETAS[0], fixation(int(target)), DEADLINE)
         belief = np.exp(episode.log_beliefs)
@@ -288,8 +288,8 @@ def test_states_come_back_from_any_depth(case, border, depth):
         table, plan, (1.0,), play=PlaySettings(theta_x=0.0, border=border, deadline=deadline), seed=SEED
     )
     leaders = set()
-    for i, (where, what, target, stream) in enumerate(zip(*plan, strict=True)):
-        log_belief, at = table.log_prior, int(table.pool.nearest[where, what])
+    for i, (where, what, target, stream, _) in enumerate(zip(*plan, strict=True)):
+        log_belief, at = table.log_prior, int(table.pool.nearest[0, where, what])
         for number, uniform in enumerate(trial_uniforms(SEED, stream, deadline), start=1):
             log_belief, _ = reference.update_log(log_belief, log_likelihood[table.pool.pick(at, what, uniform)])
             belief = np.exp(log_belief).reshape(L, S, M)
@@ -297,7 +297,7 @@ def test_states_come_back_from_any_depth(case, border, depth):
                 leaders.add(int(belief.sum(axis=(0, 2)).argmax()))
                 delta = int(target - belief.sum(axis=(1, 2)).argmax())
                 log_belief = shift_states(log_belief, delta, border)
-                at = int(table.pool.nearest[min(max(at + delta, 0), L - 1), what])
+                at = int(table.pool.nearest[0, min(max(at + delta, 0), L - 1), what])
         assert (trials.what[i, 0], trials.true_where[i, 0]) == (belief.sum(axis=(0, 1)).argmax(), at)
         assert trials.where[i, 0] == belief.sum(axis=(1, 2)).argmax()
         assert trials.belief[i, 0] == pytest.approx(belief.sum(axis=(0, 1)).max(), abs=1e-10)

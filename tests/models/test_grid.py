@@ -5,7 +5,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from solidtouch.models.errors import InputError
-from solidtouch.models.grid import ClassGrid, group, nearest_trained, parse_length, tap_pool, values_from_names
+from solidtouch.models.grid import (
+    ClassGrid,
+    episode_sessions,
+    group,
+    nearest_trained,
+    parse_length,
+    tap_pool,
+    values_from_names,
+)
 
 
 def grid(where=(0.0, 1.0, 4.0), edges=None, members=(("a",), ("b", "c")), value=None, unit="mm"):
@@ -173,7 +181,7 @@ def test_pool_lists_taps_class_by_class_in_file_order(rng):
     for l in range(4):
         for m in range(3):
             expected = np.flatnonzero((where == l) & (what == m))
-            assert expected.tolist() == pool.order[pool.first[l, m] : pool.first[l, m] + pool.count[l, m]].tolist()
+            assert expected.tolist() == pool.taps(l, m).tolist()
     assert pool.count.sum() == len(pool.order)
 
 
@@ -181,9 +189,38 @@ def test_nearest_class_is_the_lower_of_two_equally_near():
     """Classes with taps are their own nearest; an object without a tap has none."""
     pool = tap_pool([0, 4, 2], [0, 0, 2], (5, 3))
 
-    assert pool.nearest[:, 0].tolist() == [0, 0, 0, 4, 4]
-    assert pool.nearest[:, 1].tolist() == [-1] * 5
-    assert pool.nearest[:, 2].tolist() == [2] * 5
+    assert pool.nearest[0, :, 0].tolist() == [0, 0, 0, 4, 4]
+    assert pool.nearest[0, :, 1].tolist() == [-1] * 5
+    assert pool.nearest[0, :, 2].tolist() == [2] * 5
+
+
+def test_sessions_of_a_pool_stand_apart(rng):
+    """Each has the counts and nearest classes of its taps alone, and every tap stands in its class."""
+    where, what, session = rng.integers(-1, 4, 80), rng.integers(-1, 3, 80), rng.integers(0, 3, 80)
+    pool = tap_pool(where, what, (4, 3), session)
+    for s in range(3):
+        alone = tap_pool(np.where(session == s, where, -1), what, (4, 3))
+        np.testing.assert_array_equal(pool.count[s], alone.count[0])
+        np.testing.assert_array_equal(pool.nearest[s], alone.nearest[0])
+        for l, m in np.argwhere(alone.per_class > 0):
+            assert pool.pick(l, m, 0.7, s) == alone.pick(l, m, 0.7)
+    whole = tap_pool(where, what, (4, 3))
+    np.testing.assert_array_equal(pool.per_class, whole.per_class)
+    for l, m in np.ndindex(4, 3):
+        assert sorted(pool.taps(l, m)) == whole.taps(l, m).tolist()
+
+
+@pytest.mark.parametrize(
+    ("taps", "lost", "apart"), [(10, 0, True), (9, 0, False), (10, 1, True), (10, 2, False), (30, 0, True)]
+)
+def test_episodes_stay_in_a_session_that_can_stand_alone(taps, lost, apart):
+    """Ten taps of a class in it, at most one class in ten in a single session; taps outside do not count."""
+    cell, session = (index.ravel() for index in np.indices((10, 3 * taps)))
+    session = session % 3
+    keep = (cell >= lost) | (session == 0)
+    where, what, session = np.append(cell[keep] // 2, -1), np.append(cell[keep] % 2, 0), np.append(session[keep], 9)
+    expected = np.append(session[:-1], 0) if apart else np.zeros(len(session), int)
+    np.testing.assert_array_equal(episode_sessions(where, what, 4 * session + 1), expected)
 
 
 def test_a_pool_without_a_tap_is_refused():

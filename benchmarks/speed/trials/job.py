@@ -75,7 +75,7 @@ def make_job(
 ) -> Job:
     """A job over a table whose classes have equally many taps, fixation in the middle."""
     L, M = table.log_prior.shape
-    count = int(table.pool.count[0, 0])
+    count = int(table.pool.count[0, 0, 0])
     plan = plan_trials(table.pool, trials, SEED, fixation=(L - 1) // 2)
     words = seeds.words(SEED, plan.stream, seeds.TAPS, 0, deadline)
     largest = table.log_likelihood.max(axis=(1, 2), keepdims=True)
@@ -108,10 +108,10 @@ def random_table(L: int, M: int, taps: int = 400) -> TapTable:
     where, what = rng.integers(L, size=(taps, 1, 1)), rng.integers(M, size=(taps, 1, 1))
     distance = np.abs(np.arange(L)[:, np.newaxis] - where) / L + (np.arange(M) != what)
     log_likelihood = -distance + 0.3 * rng.normal(size=(taps, L, M))
-    count = np.full((L, M), 4)
+    count = np.full((1, L, M), 4)
     order = rng.integers(taps, size=count.sum())
-    nearest = np.broadcast_to(np.arange(L)[:, np.newaxis], (L, M)).copy()
-    pool = TapPool(order, np.cumsum(count).reshape(L, M) - count, count, nearest)
+    nearest = np.broadcast_to(np.arange(L)[:, np.newaxis], (1, L, M)).copy()
+    pool = TapPool(order, np.cumsum(count).reshape(1, L, M) - count, count, nearest)
     return TapTable(log_likelihood, pool, np.full((L, M), -np.log(L * M)))
 
 

@@ -128,7 +128,7 @@ def drawn(
     design: Design, right: HistogramModel, used: HistogramModel, like: TapTable, generator: np.random.Generator
 ) -> TapTable:
     """A data set of a design as the model in use sees it."""
-    where, what = (np.repeat(index.ravel(), like.pool.count.ravel()) for index in np.indices(like.pool.count.shape))
+    _, where, what = (np.repeat(index.ravel(), like.pool.count.ravel()) for index in np.indices(like.pool.count.shape))
     taps = right.form.sample(where, what, right.edges, design.samples, generator)
     if design.planted:
         taps = np.repeat(taps[:, :1], design.samples, axis=1)

@@ -24,9 +24,9 @@ from solidtouch.analysis.stats.decisions import at_equal_taps, decision_curves, 
 from solidtouch.analysis.stats.reliability import EVERYTHING, at_stopping, reliability
 from solidtouch.cli.compare import QUICK, QUICK_TRIALS
 from solidtouch.inference.trials.records import ENDINGS, TapTable
-from solidtouch.inference.trials.resampling import FEW, RESAMPLES
+from solidtouch.inference.trials.resampling import RESAMPLES
 from solidtouch.models import seeds
-from solidtouch.models.grid import ClassGrid, tap_pool
+from solidtouch.models.grid import FEW_TAPS, ClassGrid, tap_pool
 from solidtouch.models.settings import PlaySettings
 
 from benchmarks.page import parsed, share_interval, table, write_block
@@ -188,7 +188,7 @@ def run(
     with processes() as pool:
         for size, (L, M) in sizes.items():
             for n in taps:
-                few, gathered = n < FEW, defaultdict(list)
+                few, gathered = n < FEW_TAPS, defaultdict(list)
                 truths = pool.submit(decisions, L, M, MANY, few, 100 * TRIALS, 1, _TRUTH)
                 own = [seeds.derived_seed(seed, seeds.Purpose.STUDY, number) for number in range(data_sets)]
                 for one in pool.map(partial(quantities, L, M, n, few, preview), own):

@@ -169,4 +169,4 @@ def test_a_function_with_sessions_is_compared_in_every_way(make_taps):
     assert list(report.tree["checks"]["model"].values) == ["gaussian", "shifted"]
     assert list(report.tree["taps_left_out"]["model"].values) == ["gaussian", "shifted"]
     assert np.isfinite(report.taps["integrated"].sel(model="shifted"))
-    assert any("several test sessions, which shifted takes for one" in text for text in report.summary["warnings"])
+    assert any("Each trial draws taps of all 2 test sessions" in text for text in report.summary["warnings"])

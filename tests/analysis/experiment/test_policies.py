@@ -46,7 +46,7 @@ def test_active_trials_are_the_passive_ones(holes):
     """All of them at the default fixation point, the first of each position at the others, in equal numbers."""
     pool = table_of(holes=holes).pool
     starts, others, compared = make_plans(pool, 7, 0, FIXATION, acts=True)
-    by_stream = {stream: (l, m) for l, m, _, stream in zip(*starts, strict=True)}
+    by_stream = {stream: (l, m) for l, m, _, stream, _ in zip(*starts, strict=True)}
 
     assert np.bincount(starts.where).tolist() == [7] * L
     assert set(starts.fixation) == {FIXATION}
@@ -56,9 +56,9 @@ def test_active_trials_are_the_passive_ones(holes):
         chosen = others.fixation == fixation
         np.testing.assert_array_equal(others.stream[chosen], starts.stream[compared])
         assert np.bincount(others.where[chosen]).tolist() == [2] * L
-    for l, m, _, stream in zip(*others, strict=True):
+    for l, m, _, stream, _ in zip(*others, strict=True):
         assert by_stream[stream] == (l, m)
-    assert all(pool.count[l, m] for l, m in by_stream.values())
+    assert all(pool.per_class[l, m] for l, m in by_stream.values())
 
 
 @pytest.mark.parametrize("holes", [(), HOLES], ids=["whole grid", "holes"])

@@ -25,12 +25,13 @@ READING = Reading(deadline=DEADLINE)
 
 @pytest.fixture(scope="module")
 def table():
-    """Likelihoods that tell classes apart a little, so that trials last and beliefs are often wrong."""
+    """Likelihoods that tell classes apart a little, so that trials last and beliefs are often wrong; two sessions."""
     rng = np.random.default_rng(0)
     cells = rng.permutation(np.repeat(np.argwhere(COUNT >= 0), COUNT.ravel(), axis=0))
     log_likelihood = rng.normal(scale=1.2, size=(len(cells), L, M))
     log_likelihood[np.arange(len(cells)), cells[:, 0], cells[:, 1]] += 0.8
-    return TapTable(log_likelihood, tap_pool(*cells.T, (L, M)), np.full((L, M), -np.log(L * M)))
+    session = np.arange(len(cells)) % 2 * (cells[:, 0] > 0)
+    return TapTable(log_likelihood, tap_pool(*cells.T, (L, M), session), np.full((L, M), -np.log(L * M)))
 
 
 @pytest.fixture(scope="module")
@@ -41,6 +42,7 @@ def plan():
         rng.integers(M, size=TRIALS),
         rng.integers(L, size=TRIALS),
         rng.permutation(100)[:TRIALS],
+        rng.integers(2, size=TRIALS),
     )
 
 
@@ -86,12 +88,12 @@ def test_defaults_decide_the_same_on_the_simulated_rig():
         assert_same(compiled, play_open(table, plan, THRESHOLDS, Reading(), theta_x, SEED).trials)
 
 
-def slow(table, reading, where, what, point, uniforms, theta, theta_x):
+def slow(table, reading, where, what, point, session, uniforms, theta, theta_x):
     """One trial by the reference equations, a tap at a time: what is decided, where, the place, taps, shifts in all."""
     pool, belief, shifted = table.pool, np.exp(table.log_prior), 0
-    at, number, tap = int(pool.nearest[where, what]), 0, 0
+    at, number, tap = int(pool.nearest[session, where, what]), 0, 0
     for number in range(reading.deadline):
-        tap = pool.pick(at, what, uniforms[number])
+        tap = pool.pick(at, what, uniforms[number], session)
         belief, _ = reference.update(belief, table.log_likelihood[tap])
         last = number == reading.deadline - 1
         stop = reference.what_decision(belief, theta) is not None
@@ -101,7 +103,7 @@ def slow(table, reading, where, what, point, uniforms, theta, theta_x):
         delta = 0 if seen is None else reference.fixation_move(seen, point)
         if reading.clamping == "refused" and not 0 <= at + delta < L:
             delta = 0
-        new = int(pool.nearest[min(max(at + delta, 0), L - 1), what])
+        new = int(pool.nearest[session, min(max(at + delta, 0), L - 1), what])
         moved = new - at if reading.clamping == "real" else delta
         if moved:
             belief = reference.shift(belief, moved, reading.border)
@@ -124,10 +126,10 @@ def test_other_readings_are_the_equations_in_another_order(table, plan, change, 
     done = play_open(table, plan, THETAS, reading, theta_x, SEED)
     default = play_open(table, plan, THETAS, replace(READING, border=border), theta_x, SEED)
     assert (done.trials.where != default.trials.where).any()
-    for i, (where, what, point, stream) in enumerate(zip(*plan, strict=True)):
+    for i, (where, what, point, stream, session) in enumerate(zip(*plan, strict=True)):
         uniforms = trial_uniforms(SEED, stream, DEADLINE)
         for h, theta in enumerate(THETAS):
-            expected = slow(table, reading, where, what, point, uniforms, theta, theta_x)
+            expected = slow(table, reading, where, what, point, session, uniforms, theta, theta_x)
             trials = done.trials
             fields = (trials.what, trials.where, trials.true_where, trials.taps, done.shifted, done.tap)
             assert expected == tuple(field[i, h] for field in fields)
@@ -135,12 +137,12 @@ def test_other_readings_are_the_equations_in_another_order(table, plan, change, 
 
 def test_taps_without_replacement_come_once_each_and_then_anew(table):
     """Of a class of 5 taps the first five differ, and so do the next five; the first is that with replacement."""
-    plan = TrialPlan(np.zeros(20, int), np.full(20, 2), np.zeros(20, int), np.arange(20))
+    plan = TrialPlan(np.zeros(20, int), np.full(20, 2), np.zeros(20, int), np.arange(20), np.zeros(20, int))
     reading = Reading(replacement=False)
     drawn = np.column_stack(
         [play_open(table, plan, [1.0], replace(reading, deadline=n), 1.0, SEED).tap[:, 0] for n in range(1, 11)]
     )
-    own = np.sort(table.pool.order[table.pool.first[0, 2] :][:5])
+    own = np.sort(table.pool.order[table.pool.first[0, 0, 2] :][:5])
     np.testing.assert_array_equal(np.sort(drawn[:, :5], axis=1), np.tile(own, (20, 1)))
     np.testing.assert_array_equal(np.sort(drawn[:, 5:], axis=1), np.tile(own, (20, 1)))
     assert (drawn[:, :5] != drawn[:, 5:]).any()
@@ -151,9 +153,9 @@ def test_taps_without_replacement_come_once_each_and_then_anew(table):
 def test_an_impossible_tap_ends_a_trial_with_what_was_believed_before(table):
     """It is counted, and no threshold counts as crossed by it."""
     broken = table.log_likelihood.copy()
-    second = table.pool.order[table.pool.first[0, 0] :][:2]
+    second = table.pool.order[table.pool.first[0, 0, 0] :][:2]
     broken[second[0]] = -np.inf
-    plan = TrialPlan(np.zeros(30, int), np.zeros(30, int), np.zeros(30, int), np.arange(30))
+    plan = TrialPlan(np.zeros(30, int), np.zeros(30, int), np.zeros(30, int), np.arange(30), np.zeros(30, int))
     done = play_open(table._replace(log_likelihood=broken), plan, [0.0, 1.0], READING, 1.0, SEED)
     first_broken = np.array([trial_uniforms(SEED, i, 1)[0] < 0.5 for i in range(30)])
     assert done.impossible.sum() > first_broken.sum() > 0

@@ -353,8 +353,10 @@ def test_units_and_settings_are_with_the_numbers(played):
     assert (curves.what_error.attrs["units"], curves.where_error.attrs["units"]) == ("cm", "mm")
     assert (curves.attrs["trials"], curves.attrs["seed"], curves.attrs["resamples"]) == (TRIALS, 7, RESAMPLES)
     assert curves.attrs["taps_per_class"] == 6
-    assert "a quarter of the test taps of each class, or one test session at a time" in decision_interval_sentence()
-    assert "do not cover variation between training sets" in decision_interval_sentence()
+    assert "a quarter of the test taps of each class, or one test session at a time" in decision_interval_sentence(
+        curves
+    )
+    assert "do not cover variation between training sets" in decision_interval_sentence(curves)
 
 
 def test_bad_arguments_are_refused(tables, played):

@@ -37,7 +37,7 @@ def grid():
 
 @pytest.fixture
 def plan():
-    return TrialPlan(PLACE, WHAT, PLACE, np.arange(5))
+    return TrialPlan(PLACE, WHAT, PLACE, np.arange(5), np.zeros(5, int))
 
 
 @pytest.fixture
@@ -107,7 +107,7 @@ def test_noise_is_the_variance_of_a_mean_over_trials(dataset):
 
 def test_starts_in_equal_numbers_are_no_noise(trials, grid):
     """At one fixation point only what varies between trials of one start counts."""
-    plan = TrialPlan(np.array([0, 0, 1, 1, 2]), WHAT, np.zeros(5, int), np.arange(5))
+    plan = TrialPlan(np.array([0, 0, 1, 1, 2]), WHAT, np.zeros(5, int), np.arange(5), np.zeros(5, int))
     noise = sum_outcomes(trials, plan, plan.fixation, grid).means(grid.L).noise["taps"]
 
     np.testing.assert_allclose(noise[0], [(2 * 0.5 + 2 * 0.5) / 25, (2 * 2.0 + 2 * 40.5) / 25], rtol=1e-14)

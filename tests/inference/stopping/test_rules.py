@@ -94,7 +94,7 @@ def test_episodes_end_where_recorded_trials_do(model, recorded, name, patience):
     rule, engine = make_rule(parse_stopping(name), model, 2, patience), make_engine("filter", model, "clamp")
     found = stops(rule, record)
     assert patience is not None or name == "taps:4" or len(set(found.taps.tolist())) > 2
-    for i, (where, what, _, stream) in enumerate(zip(*plan, strict=True)):
+    for i, (where, what, _, stream, _) in enumerate(zip(*plan, strict=True)):
         rig = ReplayRig(taps, model.grid, where, what, iter(trial_uniforms(SEED, stream, DEADLINE)))
         episode = perceive(rig, engine, rule, fixation(2), DEADLINE, watch=watch)
         answer = stopping.DECIDE if episode.stopped else stopping.GIVE_UP if episode.gave_up else stopping.GO_ON

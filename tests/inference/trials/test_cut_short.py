@@ -61,7 +61,7 @@ def test_only_trials_that_were_cut_short_might_end_otherwise(theta_x):
 def test_trials_on_more_taps_lie_between_the_endings():
     """Forty taps of a class, of which trials that are cut short know the first four: means lie within."""
     many = table_of(count=np.full((3, 2), 40))
-    few = many._replace(pool=many.pool._replace(count=np.full((3, 2), 4)))
+    few = many._replace(pool=many.pool._replace(count=np.full((1, 3, 2), 4)))
     plan = plan_trials(few.pool, 2000, 1, 1)
     options = {"play": PlaySettings(theta_x=1.0, deadline=DEADLINE), "seed": 1, "fresh": True}
     trials, further = (run_trials(table, plan, (0.9,), **options) for table in (few, many))

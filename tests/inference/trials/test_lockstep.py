@@ -62,7 +62,7 @@ def plan():
     """Trials that start anywhere, also in classes without a tap."""
     rng = np.random.default_rng(3)
     where, what = rng.integers(L, size=TRIALS), rng.integers(M, size=TRIALS)
-    return TrialPlan(where, what, np.full(TRIALS, POINT), rng.permutation(100)[:TRIALS])
+    return TrialPlan(where, what, np.full(TRIALS, POINT), rng.permutation(100)[:TRIALS], 0 * where)
 
 
 @pytest.fixture(scope="module")
@@ -143,7 +143,7 @@ def test_trials_are_episodes_under_any_strategy(models, taps, tables, plan, kind
     policy, theta = STRATEGIES[name], 0.9
     record = play(tables[kind], plan, policy, border=border, deadline=DEADLINE, seed=SEED)
     found, engine = at_stop(record, theta), make_engine("filter", models[kind], border)
-    for i, (where, what, _, stream) in enumerate(zip(*(column[:20] for column in plan), strict=True)):
+    for i, (where, what, _, stream, _) in enumerate(zip(*(column[:20] for column in plan), strict=True)):
         rig = ReplayRig(taps, models[kind].grid, where, what, iter(trial_uniforms(SEED, stream, DEADLINE)))
         began, chance = rig.where_index, iter(trial_chances(SEED, stream, DEADLINE))
         episode = perceive(rig, engine, theta, policy, DEADLINE, chance=chance)
@@ -247,7 +247,7 @@ def test_trials_in_which_no_class_is_left_end():
     prior = np.where(np.arange(L)[:, np.newaxis] > 0, np.full((L, M), -np.log((L - 1) * M)), -np.inf)
     pool = tap_pool(np.array([0, 1]), np.array([0, 1]), (L, M))
     start = np.array([0, 1])
-    table, plan = TapTable(log_likelihood, pool, prior), TrialPlan(start, start, start, start)
+    table, plan = TapTable(log_likelihood, pool, prior), TrialPlan(start, start, start, start, 0 * start)
     record = play(table, plan, passive(), deadline=3)
 
     assert record.no_class_left.tolist() == [False, True]

@@ -48,6 +48,7 @@ def plan(table):
         rng.integers(3, size=TRIALS),
         rng.integers(5, size=TRIALS),
         rng.permutation(100)[:TRIALS],
+        np.zeros(TRIALS, int),
     )
 
 
@@ -84,7 +85,7 @@ def test_trials_are_episodes_on_the_same_taps(model, taps, plan, play, theta_x, 
     """Every trial at every threshold is `perceive` on a replay rig with the numbers of its stream."""
     trials = play(theta_x, border)
     engine = make_engine("numpy", model, border)
-    for i, (where, what, point, stream) in enumerate(zip(*plan, strict=True)):
+    for i, (where, what, point, stream, _) in enumerate(zip(*plan, strict=True)):
         uniforms = trial_uniforms(SEED, stream, DEADLINE).tolist()
         for h, theta in enumerate(THETAS):
             rig = ReplayRig(taps, model.grid, where, what, iter(uniforms))
@@ -139,7 +140,7 @@ def test_the_first_fresh_tap_is_that_of_trials_with_replacement(play, theta_x):
 def test_fresh_trials_end_where_a_class_is_used_up(table, plan, play):
     """A passive trial has as many taps as its class at most, and with enough of them none is used up."""
     passive = play(1.0, fresh=True)
-    count = table.pool.count[table.pool.nearest[plan.where, plan.what], plan.what]
+    count = table.pool.count[0, table.pool.nearest[0, plan.where, plan.what], plan.what]
     never = THETAS.index(1.0)
 
     assert passive.taps[:, never].tolist() == count.tolist()
@@ -150,7 +151,7 @@ def test_fresh_trials_end_where_a_class_is_used_up(table, plan, play):
     assert most.used_up[:, never].tolist() == (count < 2).tolist()
     where = np.where(np.arange(COUNT.sum()) < 35, np.arange(COUNT.sum()) % 5, -1)
     enough = table._replace(pool=tap_pool(where, 0 * where, (5, 3)))  # seven of each class
-    start = TrialPlan(plan.where, 0 * plan.what, plan.fixation, plan.stream)
+    start = plan._replace(what=0 * plan.what)
     for deadline, some in ((7, False), (8, True)):
         found = run_trials(
             enough, start, THETAS, play=PlaySettings(theta_x=1.0, deadline=deadline), seed=SEED, fresh=True
@@ -281,7 +282,7 @@ def impossible_table():
 def test_an_impossible_tap_ends_the_trial_undecided(where_to, deadline):
     """With what was most probable before it, which may be the last tap before the deadline."""
     table = impossible_table()
-    plan = TrialPlan(*np.array([[0] * 64, [1] * 64, [0] * 64, range(64)]))
+    plan = TrialPlan(*np.array([[0] * 64, [1] * 64, [0] * 64, range(64), [0] * 64]))
     trials = run_trials(table, plan, (1.0, 0.4), play=PlaySettings(theta_x=1.0, deadline=deadline), device=where_to)
     drawn = [(2 * trial_uniforms(0, stream, deadline)).astype(int) for stream in range(64)]
     differ = np.array([len(set(taps)) > 1 for taps in drawn])
@@ -303,7 +304,7 @@ def test_a_first_tap_may_be_impossible(where_to):
     """Also where it would have decided at once."""
     table = impossible_table()._replace(log_prior=np.array([[-np.inf, 0.0]]))
     table.log_likelihood[:] = [[0.0, -np.inf]]
-    plan = TrialPlan(*np.array([[0] * 64, [1] * 64, [0] * 64, range(64)]))
+    plan = TrialPlan(*np.array([[0] * 64, [1] * 64, [0] * 64, range(64), [0] * 64]))
     trials = run_trials(table, plan, (-1.0, 0.5), play=PlaySettings(theta_x=1.0, deadline=1), device=where_to)
 
     assert trials.no_class_left.all()
@@ -316,7 +317,7 @@ def test_taps_after_the_decision_do_not_matter():
     """A trial that has decided never sees the impossible tap that would have followed."""
     trials = run_trials(
         impossible_table(),
-        TrialPlan(*np.array([[0] * 4, [1] * 4, [0] * 4, range(4)])),
+        TrialPlan(*np.array([[0] * 4, [1] * 4, [0] * 4, range(4), [0] * 4])),
         (0.9,),
         play=PlaySettings(theta_x=1.0, deadline=60),
     )
@@ -333,7 +334,7 @@ def flat_table(L, M):
 
 def first_class(trials):
     """A plan of trials that start in the first class and aim for the second position."""
-    return TrialPlan(*np.array([[0] * trials, [0] * trials, [1] * trials, range(trials)]))
+    return TrialPlan(*np.array([[0] * trials, [0] * trials, [1] * trials, range(trials), [0] * trials]))
 
 
 def test_a_threshold_that_is_met_exactly_goes_on():
@@ -420,7 +421,7 @@ def test_plans_without_trials_or_taps_are_refused(table):
     ],
 )
 def test_plans_that_cannot_be_played_are_refused(table, change, message):
-    plan = TrialPlan(*np.array([[0, 4], [1, 1], [0, 0], [0, 1]]))._replace(**change)
+    plan = TrialPlan(*np.array([[0, 4], [1, 1], [0, 0], [0, 1], [0, 0]]))._replace(**change)
     with pytest.raises(InputError, match=message):
         run_trials(table, plan, THETAS, play=PlaySettings(theta_x=0.0))
 
@@ -429,7 +430,10 @@ def test_objects_without_a_tap_are_refused():
     table = TapTable(np.zeros((1, 1, 2)), tap_pool([0], [0], (1, 2)), np.log([[0.5, 0.5]]))
     with pytest.raises(InputError, match="Trial 2 uses object 1, which has no test tap"):
         run_trials(
-            table, TrialPlan(*np.array([[0] * 3, [0, 0, 1], [0] * 3, [0] * 3])), (0.5,), play=PlaySettings(theta_x=0.0)
+            table,
+            TrialPlan(*np.array([[0] * 3, [0, 0, 1], [0] * 3, [0] * 3, [0] * 3])),
+            (0.5,),
+            play=PlaySettings(theta_x=0.0),
         )
 
 

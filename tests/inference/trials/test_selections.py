@@ -12,7 +12,7 @@ from solidtouch.models.settings import PlaySettings
 
 def cells(pool):
     """The class of every tap of a pool, by its number."""
-    return {int(tap): (l, m) for l, m in np.ndindex(*pool.count.shape) for tap in taps_of(pool, l, m)}
+    return {int(tap): (l, m) for l, m in np.ndindex(*pool.shape) for tap in taps_of(pool, l, m)}
 
 
 @pytest.mark.parametrize("pools", [resampled_pools, thinned_pools])
@@ -63,14 +63,14 @@ def test_each_session_is_left_out_in_turn_where_several_test(pools):
 
 def shares(pool, taps):
     """The share of every tap in the mean over the classes of a pool of the mean over its taps; one position."""
-    share, held = np.zeros(taps), [m for m in range(pool.count.shape[1]) if pool.count[0, m]]
+    share, held = np.zeros(taps), np.flatnonzero(pool.per_class[0])
     for m in held:
-        np.add.at(share, taps_of(pool, 0, m), 1 / (len(held) * pool.count[0, m]))
+        np.add.at(share, taps_of(pool, 0, m), 1 / (len(held) * pool.per_class[0, m]))
     return share
 
 
 def cells_with_repeats(pool):
-    return [(int(tap), (l, m)) for l, m in np.ndindex(*pool.count.shape) for tap in taps_of(pool, l, m)]
+    return [(int(tap), (l, m)) for l, m in np.ndindex(*pool.shape) for tap in taps_of(pool, l, m)]
 
 
 @pytest.mark.parametrize("pools", [resampled_pools, thinned_pools])
@@ -93,9 +93,9 @@ def test_the_finger_plays_on_where_a_class_is_lost_with_a_session():
         session[taps_of(table.pool, l, 0)] = 0, 1
     session[alone] = 0
     table = table._replace(session=session)
-    lost = [pool for pool in thinned_pools(table, 4, 0) if pool.count[3, 0] == 0]
+    lost = [pool for pool in thinned_pools(table, 4, 0) if pool.per_class[3, 0] == 0]
     assert len(lost) == 2
-    assert all(pool.nearest[3, 0] in (2, 4) for pool in lost)
+    assert all(pool.nearest[0, 3, 0] in (2, 4) for pool in lost)
     options = {"trials": 30, "play": PlaySettings(theta_x=0.0, deadline=5), "resamples": 4}
     kept = play_resamples(table, (0.9,), lambda t, _: {"taps": t.taps.mean()}, **options)
     assert np.isfinite(kept.samples["taps"]).all()
@@ -113,11 +113,11 @@ def test_tables_of_the_same_taps_share_their_resamples():
 def test_a_pool_of_repeated_taps():
     """In the order given within a class; the nearest class is that of a plain search."""
     cell = np.array([5, 0, 5, 3, 0])
-    pool = pool_of(np.array([9, 4, 9, 2, 1]), cell, (3, 2))
-    assert pool.count.tolist() == [[2, 0], [0, 1], [0, 2]]
+    pool = pool_of(np.array([9, 4, 9, 2, 1]), cell, (1, 3, 2))
+    assert pool.count.tolist() == [[[2, 0], [0, 1], [0, 2]]]
     assert [taps_of(pool, l, m).tolist() for l, m in ((0, 0), (1, 1), (2, 1))] == [[4, 1], [2], [9, 9]]
-    assert pool.nearest.tolist() == [[0, 1], [0, 1], [0, 2]]
-    assert pool_of(np.array([3]), np.array([4]), (3, 2)).nearest.tolist() == [[2, -1]] * 3
+    assert pool.nearest.tolist() == [[[0, 1], [0, 1], [0, 2]]]
+    assert pool_of(np.array([3]), np.array([4]), (1, 3, 2)).nearest.tolist() == [[[2, -1]] * 3]
 
 
 @pytest.mark.parametrize(("pools", "thinned"), [(resampled_pools, False), (thinned_pools, True)])
@@ -144,8 +144,8 @@ def test_thinned_pools_hold_no_tap_twice_and_keep_every_class():
         found = cells_with_repeats(pool)
         assert len({tap for tap, _ in found}) == len(found)
         assert all(own[tap] == cell for tap, cell in found)
-        assert ((pool.count > 0) == (COUNT > 0))[COUNT != 1].all()
-        left_out.append(COUNT - pool.count)
+        assert ((pool.per_class > 0) == (COUNT > 0))[COUNT != 1].all()
+        left_out.append(COUNT - pool.per_class)
     per_kept = np.mean([out / np.maximum(COUNT - out, 1) for out in left_out], axis=0)
     assert {int(out[0, 0]) for out in left_out} == {1}  # of 4
     assert np.mean([out[0, 1] for out in left_out]) == pytest.approx(0.5, abs=0.1)  # of 1
@@ -163,7 +163,7 @@ def test_classes_of_one_tap_vary_as_they_differ(pools, thinned):
     for seed in range(400):
         score, means = rng.normal(size=len(table.log_likelihood)), []
         for pool in pools(table, 15, seed):
-            some = [m for m in range(7) if pool.count[0, m]]
+            some = np.flatnonzero(pool.per_class[0])
             alike = np.mean([score[taps_of(pool, 0, m)].mean() for m in some])
             means.append([alike + np.mean(some) / 3, alike])
         values.append([means[0], (spread(table, thinned=thinned).factor ** 2) * np.var(means[1:], axis=0, ddof=1)])

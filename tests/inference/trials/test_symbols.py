@@ -21,7 +21,7 @@ def test_the_channel_is_how_often_each_class_gives_each_symbol_in_the_table(mode
     assert symbols.channel.shape == (L, M, 5)
     for l in range(L):
         for m in range(M):
-            own = pool.order[pool.first[l, m] : pool.first[l, m] + pool.count[l, m]]
+            own = pool.taps(l, m)
             of_taps = np.maximum(symbols.table.log_likelihood[own], np.log(1e-300))
             symbol = [np.abs(log_channel - row[:, :, None]).sum(axis=(0, 1)).argmin() for row in of_taps]
             assert len(own) == 300

@@ -139,7 +139,7 @@ def test_taps_of_halves_are_drawn_anew_and_not_trials():
     taps = planted(2, sessions=1, repeats=24)
     parts = held_out(taps.select(taps.indices(GRID)[0] == 2), GRID, fitted)
     for part in parts.parts:
-        assert (part.table.pool.count[2] == 12).all()
+        assert (part.table.pool.count[:, 2] == 12).all()
 
     def play(table, stream, trials=4000):
         plan = plan_trials(table.pool, trials, 3, where=2, first_stream=stream)
@@ -151,7 +151,7 @@ def test_taps_of_halves_are_drawn_anew_and_not_trials():
     for part in parts.parts:
         pool = part.table.pool
         for m in range(M):
-            own = pool.order[pool.first[2, m] : pool.first[2, m] + 12]
+            own = pool.taps(2, m)
             belief = np.exp(part.table.log_likelihood[own] + part.table.log_prior)
             wrong = belief.sum(axis=1).argmax(axis=1) != m
             variance += wrong.var(ddof=1) / 12 / (2 * M) ** 2
