@@ -212,8 +212,7 @@ def drawn_table(model: TapModel, table: TapTable, generator: np.random.Generator
     """A table of taps drawn from the model, as many of each class, in one state in each session that trials stay in."""
     pool = table.pool
     count = pool.count.ravel()
-    where, what = (np.repeat(index.ravel(), count) for index in np.indices(pool.count.shape))
-    session = np.zeros(len(where), dtype=np.intp)
+    session, where, what = (np.repeat(index.ravel(), count) for index in np.indices(pool.count.shape))
     form, prepared = model.form, model.prepared
     if isinstance(form, TableForm) and isinstance(
         prepared, PreparedTable
@@ -223,8 +222,6 @@ def drawn_table(model: TapModel, table: TapTable, generator: np.random.Generator
         log_likelihood = prepared.of_bins(bins, model.exponent)
     else:
         log_likelihood = model.log_likelihood(drawn_taps(model, where, what, session, generator))
-    session, where, what = (np.repeat(index.ravel(), count) for index in np.indices(pool.count.shape))
-    taps = drawn_taps(model, where, what, session, generator)
     first = (np.cumsum(count) - count).reshape(pool.count.shape)
     return table._replace(
         log_likelihood=log_likelihood,
