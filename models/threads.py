@@ -87,6 +87,17 @@ def in_order[T](
                     future.cancel()
 
 
+@contextmanager
+def other_threads(workers: int) -> Iterator[ThreadPoolExecutor]:
+    """Threads for work beside that of this one; if the block fails, what has not begun is dropped."""
+    with ThreadPoolExecutor(workers) as executor:
+        try:
+            yield executor
+        except BaseException:
+            executor.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
 def check_wanted(_: int = 0) -> None:
     """Ends a task of `in_order` whose results are no longer wanted, as after Ctrl-C.
 

@@ -455,7 +455,7 @@ def _provenance(summary: Row) -> Iterator[Block]:
     files = ", ".join(f"{name}: {taps}" for name, taps in summary["files"].items())
     yield f"{files}. Seed {summary['seed']}, solidtouch {summary['version']}."
     times = [(stage, str(seconds)) for stage, seconds in summary["elapsed_s"].items()]
-    yield Table((), times, "Time spent (s)")
+    yield Table((), times, "Time spent (s); some stages run at the same time")
 
 
 def _beside(row: Row) -> str:

@@ -153,7 +153,7 @@ def measure(
         tables[remedy.name] = tap_table(remedy.model, shared)
         advance(1)
     n = min(n, taps_per_class(tables[base.name].pool))
-    policy = "active" if can_act(base.grid) and not base.setting.play.passive else "passive"
+    policy = policy_of(base)
     alike = {remedy.name: tables[remedy.name] for remedy in remedies if remedy.grid is base.grid}
     options = {"policy": policy, "trials": trials, "seed": seed}
     rough = _rough(alike, base, **options)
@@ -204,6 +204,11 @@ def measure(
     reference = reference_factors(base.model, own_table, base.setting, policy, trials // 2, seed, simulations, advance)
     judged = judge(as_it_is, base.model, own_table.pool, reference)
     return Measured(scores, n, time, theta, policy, judged, reliable, played, own_table)
+
+
+def policy_of(remedy: Remedy) -> str:
+    """The policy of a remedy's setting, passive where the finger cannot move."""
+    return "active" if can_act(remedy.grid) and not remedy.setting.play.passive else "passive"
 
 
 def count_measurements(remedies: Sequence[Remedy], simulations: int = SIMULATIONS) -> int:

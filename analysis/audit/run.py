@@ -1,7 +1,6 @@
 """Audit of the naive-Bayes assumption on recorded taps: where it fails, what that costs, which remedy helps."""
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -17,7 +16,7 @@ from ...models.measurement.model import TapModel
 from ...models.progress import Progress
 from ...models.setting_file import Setting
 from ...models.taps import TapSet, concatenate
-from ...models.threads import one_blas_thread
+from ...models.threads import one_blas_thread, other_threads
 from ..experiment.parts import AuditParts
 from ..page.stages import StageClock
 from ..stats.evidence import evidence
@@ -35,7 +34,7 @@ from .detectable import Detectable, enough
 from .guarantees import PromiseTest, exceeded, guarantees
 from .leakage.run import Leakage, leakage
 from .remedies import RefusedRemedy, Remedy, beside_right, count_remedies, make_remedies
-from .remedy_scores import Measured, count_measurements, measure
+from .remedy_scores import Measured, count_measurements, measure, policy_of
 from .variance.causes import SEQUENCE, split_variance
 from .variance.gains import Components, import_samplers, variance_components
 from .variance.split import session_p
@@ -172,13 +171,20 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
     stratum, by_session = strata(taps, grid)
     some = evenly(stratum, settings.most_taps)
     options: dict[str, Any] = {"permutations": settings.permutations, "seed": seed}
-    with clock.stage("Checking for leakage"):
-        known = [parts.train] if parts.halved else [parts.train, *parts.tune]
-        leaks = leakage(concatenate(known), parts.measure, grid, seed, settings.pre)
     where, what = taps.indices(grid)
     import_samplers()
-    with ThreadPoolExecutor(1) as beside:  # for what keeps one core busy
-        sampled = beside.submit(variance_components, taps.doubles, where * grid.M + what, taps.session, seed)
+    with other_threads(2) as threads:  # so that no core waits while Python keeps another one busy
+        known = [parts.train] if parts.halved else [parts.train, *parts.tune]
+        leaks = clock.beside(
+            threads,
+            "Checking for leakage",
+            lambda _: leakage(concatenate(known), parts.measure, grid, seed, settings.pre),
+        )
+        components = clock.beside(
+            threads,
+            "Sampling variance components",
+            lambda _: variance_components(taps.doubles, where * grid.M + what, taps.session, seed),
+        )
         tested = taps.select(some).taps
         with clock.stage("Testing taxels", 2 * len(np.unique(stratum))) as advance:
             local = (
@@ -190,35 +196,39 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
             taxels = against_drift(whole, local, progress=advance, **options)
         with clock.stage("Testing times", len(np.unique(stratum))) as advance:
             times = time_dependence(tested, stratum[some], progress=advance, **options)
-        with clock.stage("Sampling variance components"):
-            components = sampled.result()
         with clock.stage("Fitting remedies", count_remedies(settings.models)) as advance:
             remedies, refused = make_remedies(
                 parts.train, parts.tune, grid, setting, SEQUENCE, seed, advance, settings.models
             )
         base = remedies[0]
-        parted = beside.submit(_split, parts, grid, base, settings, suspects)
+        parted = clock.beside(
+            threads, "Decomposing the variance", lambda _: _split(parts, grid, base, settings, suspects)
+        )
+        checked = taps if taps.scanned is None else taps.select(some)  # replicates of a large recording fill memory
+        checks = clock.beside(
+            threads,
+            "Checking predictions",
+            lambda advance: audit_checks(checked, _histograms(base.model), seed, settings.replicates, advance),
+            count_replicates(checked, settings.replicates),
+        )
+        promises = clock.beside(
+            threads, "Checking error bounds", lambda _: _promises(base, parts.measure, grid, settings, policy_of(base))
+        )
         with clock.stage("Tuning on taps of a correct model", settings.tuned_simulations) as advance:
             own = parts.train, parts.tune, SEQUENCE, seed, advance, settings.tuned_simulations
             remedies = beside_right(remedies, *own)
-        checked = taps if taps.scanned is None else taps.select(some)  # replicates of a large recording fill memory
-        with clock.stage("Checking predictions", count_replicates(checked, settings.replicates)) as advance:
-            checks = audit_checks(checked, _histograms(base.model), seed, settings.replicates, advance)
-        with clock.stage("Decomposing the variance"):
-            split, no_split, p = parted.result()
-    with clock.stage("Measuring remedies", count_measurements(remedies, settings.simulations)) as advance:
-        measured = measure(
-            remedies,
-            parts.measure,
-            SEQUENCE,
-            settings.trials,
-            seed,
-            advance,
-            resamples=settings.resamples,
-            simulations=settings.simulations,
-        )
-    with clock.stage("Checking error bounds"):
-        promised, broken = _promises(base, parts.measure, grid, settings, measured.policy)
+        with clock.stage("Measuring remedies", count_measurements(remedies, settings.simulations)) as advance:
+            measured = measure(
+                remedies,
+                parts.measure,
+                SEQUENCE,
+                settings.trials,
+                seed,
+                advance,
+                resamples=settings.resamples,
+                simulations=settings.simulations,
+            )
+    (split, no_split, p), (promised, broken) = parted.result(), promises.result()
     with clock.stage("Tuning thresholds", 2) as advance:
         recalibrated = _recalibrate(base, parts, settings)
         advance(1)
@@ -227,15 +237,15 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
     return Audit(
         parts=parts,
         grid=grid,
-        leakage=leaks,
+        leakage=leaks.result(),
         taxels=taxels,
         times=times,
         by_session=by_session,
-        components=components,
+        components=components.result(),
         split=split,
         no_split=no_split,
         session_p=p,
-        checks=checks,
+        checks=checks.result(),
         remedies=remedies,
         refused=refused,
         measured=measured,

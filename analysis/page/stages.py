@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Executor, Future
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -29,8 +30,29 @@ class StageClock:
     @contextmanager
     def stage(self, name: str, total: int = 1) -> Iterator[Callable[[int], None]]:
         """Times one stage; gives the function that advances its bar, which is full when the stage has ended."""
+        with self._timed(name, total, self._begun(name, total)) as advance:
+            yield advance
+
+    def beside[T](
+        self, threads: Executor, name: str, work: Callable[[Callable[[int], None]], T], total: int = 1
+    ) -> Future[T]:
+        """Does the work of a stage on another thread; it is given the function that advances its bar."""
+        told = self._begun(name, total)
+
+        def timed() -> T:
+            with self._timed(name, total, told) as advance:
+                return work(advance)
+
+        return threads.submit(timed)
+
+    def _begun(self, name: str, total: int) -> Callable[[int], None]:
+        """The function that advances the bar of a stage, whose time is listed behind those begun before."""
+        self.elapsed_s[name] = 0.0
+        return self.progress(name, total)
+
+    @contextmanager
+    def _timed(self, name: str, total: int, told: Callable[[int], None]) -> Iterator[Callable[[int], None]]:
         began, left = time.perf_counter(), total
-        told = self.progress(name, total)
 
         def advance(done: int) -> None:
             nonlocal left

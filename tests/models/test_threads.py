@@ -5,7 +5,7 @@ import time
 from concurrent.futures import CancelledError
 
 import pytest
-from solidtouch.models.threads import check_wanted, cores, in_order, one_core
+from solidtouch.models.threads import check_wanted, cores, in_order, one_core, other_threads
 
 
 @pytest.mark.parametrize("workers", [1, 3])
@@ -52,3 +52,17 @@ def test_work_beside_others_has_one_core_by_default():
         assert (cores(None), cores(3)) == (1, 3)
         assert list(in_order([lambda: cores(None)] * 2, 1)) == [1, 1]
     assert cores(2) == 2
+
+
+def test_a_failure_drops_what_has_not_begun():
+    begun, done = threading.Event(), []
+
+    with pytest.raises(ValueError, match="here"), other_threads(1) as threads:  # noqa: PT012 - the block is what fails
+        running = threads.submit(lambda: begun.set() or done.append("running"))
+        waiting = [threads.submit(time.sleep, 0.2), threads.submit(done.append, "waiting")]
+        begun.wait(10)
+        raise ValueError("here")
+
+    assert running.done()
+    assert waiting[1].cancelled()
+    assert done == ["running"]
