@@ -79,7 +79,7 @@ def measured(works: Sequence[Work], quick: bool, before: Path | None, out: Path)
 
 def _timed(work: Work, programs: dict[str, dict[str, str]], folders: dict[str, Path]) -> tuple[Timed, dict[str, float]]:
     runs: dict[str, list[Spent]] = {"now": [], "before": []}
-    words = {name: called(work, paths) for name, paths in programs.items()}
+    words = {name: called(work, paths) for name, paths in programs.items() if name == "now" or not work.new}
     for turn in range(work.rounds + 1):
         for name in list(words)[:: 1 if turn % 2 else -1]:
             took = spent(words[name], folders[name], inside=bool(work.inside))

@@ -28,6 +28,7 @@ class Work(NamedTuple):
         quick: Further arguments that make it short; `None` if nothing does.
         most_bytes: The most memory it may take.
         inside: The function of which the program tells the seconds, as `file:name`; empty for the whole program.
+        new: Whether older installations do not know it.
     """
 
     name: str
@@ -37,6 +38,7 @@ class Work(NamedTuple):
     quick: tuple[str, ...] | None = ()
     most_bytes: float | None = None
     inside: str = ""
+    new: bool = False
 
 
 def _command(*words: str) -> tuple[str, ...]:
@@ -57,6 +59,14 @@ WORKS = (
         ("--permutations", "99", "--trials", "100"),
     ),
     Work(
+        "`audit --quick` of them",
+        _command("audit", *TAPS, "--quick"),
+        6.7,
+        3,
+        ("--trials", "100"),
+        new=True,
+    ),
+    Work(
         "`compare` of three models, 2 x 1600 taps",
         _command("compare", *TAPS[:2], "--models", THREE),
         15,
@@ -69,6 +79,14 @@ WORKS = (
         60,
         1,
         ("--models", "gaussian", *_FEW),
+    ),
+    Work(
+        "`compare --models all --quick`",
+        _command("compare", *TAPS[:2], "--models", "all", "--quick"),
+        20,
+        3,
+        ("--models", "gaussian", "--trials", "100"),
+        new=True,
     ),
     Work(
         "`strategies`",
