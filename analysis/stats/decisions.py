@@ -105,7 +105,7 @@ def play_models(
             kept = play_resamples(
                 table,
                 some,
-                partial(_means, grid),
+                partial(_sums, grid),
                 trials=trials,
                 play=play.changed(passive=policy != "active"),
                 fixation=check_fixation(play.fixation, grid.L),
@@ -114,7 +114,7 @@ def play_models(
                 resample_trials=resample_trials,
                 progress=progress,
                 endings=partial(endings, deadline=play.deadline, farthest=Farthest.on(grid)),
-            )
+            ).per_trial()
             means[i, j, :, : len(some)] = [kept.samples[name] for name in MEANS]
             ends[:, i, j, :, : len(some)] = [[ending[name] for name in MEANS] for ending in kept.endings]
     dims = ("model", "policy", "theta", "resample")
@@ -274,8 +274,8 @@ def decision_interval_sentence(curves: xr.Dataset) -> str:
     ).lstrip()
 
 
-def _means(grid: ClassGrid, trials: Trials, plan: TrialPlan) -> dict[str, NDArray[np.float64]]:
-    """`MEANS` at every threshold, each of shape (H,)."""
+def _sums(grid: ClassGrid, trials: Trials, plan: TrialPlan) -> dict[str, NDArray[np.float64]]:
+    """Sums of `MEANS` over trials at every threshold, each of shape (H,)."""
     what = plan.what[:, np.newaxis]
     values = {
         "what_error": grid.what_error(trials.what, what),
@@ -287,7 +287,7 @@ def _means(grid: ClassGrid, trials: Trials, plan: TrialPlan) -> dict[str, NDArra
         "used_up": trials.used_up,
         "no_class_left": trials.no_class_left,
     }
-    return {name: values[name].mean(axis=0) for name in MEANS}
+    return {name: values[name].sum(axis=0) for name in MEANS}
 
 
 def _endings(played: xr.Dataset, name: str) -> NDArray[np.float64]:

@@ -179,9 +179,10 @@ def reliability(
                 endings=ends,
                 **options,
             )
+            samples = kept.samples | {"used_up": kept.per_trial().samples["used_up"]}
             for h, decisions in enumerate(played):
                 settings.append((policy, float("nan") if fixed else float(theta[h]), most if fixed else 0))
-                one = Sums(**{name: values[h] for name, values in kept.samples.items()})
+                one = Sums(**{name: values[h] for name, values in samples.items()})
                 ends_of = [end["sums"][h] for end in kept.endings]
                 rows.append(_described(decisions, one, ends_of, settings[-1][1], most, subject, how))
     return _dataset(
@@ -276,7 +277,7 @@ def _sums(edges: NDArray[np.float64], fixed: bool, trials: Trials, plan: TrialPl
         values = np.stack([every, *_values(decisions).values()], axis=1)
         for c, counted in enumerate((fixed | decisions.stopped, every > 0)):
             _add(values, decisions.true, counted, decisions.belief, edges[h, c], sums[h, c], curve[h, c])
-    return {"sums": sums, "curve": curve, "used_up": trials.used_up.mean(axis=0)}
+    return {"sums": sums, "curve": curve, "used_up": trials.used_up.sum(axis=0)}
 
 
 @compiled

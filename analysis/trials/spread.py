@@ -122,7 +122,7 @@ def tap_spread(
 
     def reduce(played: Trials, plan: TrialPlan) -> dict[str, Floats]:
         means = tally_means(tally(played, plan, grid.shape), grid)
-        return {name: means[name] for name in SPREAD} | {"used_up": played.used_up.mean(axis=0)}
+        return {name: len(played.what) * means[name] for name in SPREAD} | {"used_up": played.used_up.sum(axis=0)}
 
     ends = partial(endings, deadline=play.deadline, farthest=Farthest.on(grid))
     rule |= {"play": play, "progress": progress}
@@ -138,7 +138,7 @@ def tap_spread(
             endings=might_be,
             resample_trials=SELECTED_TRIALS,
             **rule,
-        )
+        ).per_trial()
 
     fresh_trials = min(trials, FRESH_TRIALS)
     stored, fresh = samples(False, min(trials, SELECTED_TRIALS)), samples(True, fresh_trials)

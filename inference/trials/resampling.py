@@ -21,6 +21,7 @@ variance is known widens the interval.
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from itertools import chain
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -45,6 +46,7 @@ USED_UP = 0.05
 USED_UP_SELECTED = 0.005
 """As `USED_UP`, in selections of three quarters of the taps, above which intervals are too wide; same page."""
 _LEAST_FREEDOM = 4.0  # where the chance of trials hides that of taps, how well either is known is not known itself
+_AT_ONCE = 1 << 15  # trials whose decisions are held
 _DEFINED = 0.95  # of the resamples: an interval from fewer would be that of the lucky ones
 
 
@@ -358,16 +360,30 @@ def too_few_in(pool: TapPool, how: Spread, used_up: Floats) -> str:
 
 
 class ResampledTrials(NamedTuple):
-    """Results of trials on the test taps and on each resample, by name.
+    """Sums over trials on the test taps and on each resample, by name.
 
     Attributes:
         samples: With one more axis: of the taps as they are first, then of each resample the mean of both halves of its
             trials, then of each the first half, then of each the second, 1 + 3 R; see `Spread.interval`.
         endings: What else the former might have been, without that axis.
+        trials: How many trials the former are of.
+        half: How many those of a resample, and each of its halves.
     """
 
     samples: dict[str, Floats]
     endings: tuple[Mapping[str, Floats], ...]
+    trials: int
+    half: int
+
+    def per_trial(self) -> "ResampledTrials":
+        """Means over the trials, of sums over them."""
+        n = self.trials
+        samples = {
+            name: np.concatenate([sums[..., :1] / n, sums[..., 1:] / self.half], axis=-1)
+            for name, sums in self.samples.items()
+        }
+        ends = tuple({name: sums / n for name, sums in one.items()} for one in self.endings)
+        return self._replace(samples=samples, endings=ends)
 
 
 def no_endings(_: Trials, __: TrialPlan) -> Sequence[Trials]:
@@ -397,7 +413,7 @@ def play_resamples(
     Args:
         table: Test taps.
         thresholds: theta_W, shape (H,).
-        reduce: What is kept of decided trials: means, or sums whose ratios matter alone, by name.
+        reduce: What is kept of decided trials, sums over them by name; asked for some trials at a time.
         trials: On the taps as they are; their streams and starts are those of `plan_trials`.
         play: As in `run_trials`.
         fixation: Class that the sensor aims for.
@@ -407,11 +423,11 @@ def play_resamples(
         resamples: How many.
         resample_trials: On each of them, at most `trials`; an even number, at least 2, is played.
         workers: Threads; `None` for as many as there are cores. Changes the speed only.
-        progress: Called with the number of trials since the last call, of `planned_trials`.
+        progress: Called with the number of trials since the last call, of `planned_trials` in all.
         endings: What else the trials on the test taps might have come to, see `cut_short.endings`.
 
     Returns:
-        What `reduce` gave.
+        What `reduce` gave, added up.
 
     Raises:
         InputError: An argument is out of range.
@@ -431,19 +447,31 @@ def play_resamples(
         halves = slice(half), slice(half, None)
         return tuple(reduce(_part(played, rows), _part(plan, rows)) for rows in halves)
 
+    def some(pool: TapPool, stream: int, n: int) -> tuple[Mapping[str, Floats], ...]:
+        played, plan = played_on(pool, n, stream)
+        return tuple(reduce(one, plan) for one in (played, *endings(played, plan)))
+
     first, *pools = (thinned_pools if fresh else resampled_pools)(table, resamples, seed)
-    played, plan = played_on(first, trials, 0)
-    estimate = reduce(played, plan)
-    if progress is not None:
-        progress(trials)
-    tasks = (partial(both, pool, trials + 2 * half * number) for number, pool in enumerate(pools))
-    halves = []
-    for result in in_order(tasks, cores(workers)):
-        halves.append(result)
+    sizes = [min(_AT_ONCE, trials - begin) for begin in range(0, trials, _AT_ONCE)]
+    blocks = (partial(some, first, _AT_ONCE * i, n) for i, n in enumerate(sizes))
+    others = (partial(both, pool, trials + 2 * half * number) for number, pool in enumerate(pools))
+    estimate: list[Mapping[str, Floats]] = []
+    halves: list[tuple[Mapping[str, Floats], ...]] = []
+    for number, found in enumerate(in_order(chain(blocks, others), cores(workers))):
+        own = number < len(sizes)
+        if own:
+            estimate = [_added(*parts) for parts in zip(estimate, found, strict=True)] if estimate else list(found)
+        else:
+            halves.append(found)
         if progress is not None:
-            progress(2 * half)
-    samples = {name: _layered(estimate[name], [[h[name] for h in pair] for pair in halves]) for name in estimate}
-    return ResampledTrials(samples, tuple(reduce(one, plan) for one in endings(played, plan)))
+            progress(sizes[number] if own else 2 * half)
+    whole, *ends = estimate
+    samples = {name: _layered(whole[name], [[h[name] for h in pair] for pair in halves]) for name in whole}
+    return ResampledTrials(samples, tuple(ends), trials, half)
+
+
+def _added(one: Mapping[str, Floats], other: Mapping[str, Floats]) -> Mapping[str, Floats]:
+    return {name: sums + other[name] for name, sums in one.items()}
 
 
 def _part(records: Any, rows: slice) -> Any:

@@ -185,8 +185,8 @@ def test_too_few_taps_are_said():
     assert "6% of the passive decisions were" in too_few(10, 0.06, decisions="passive decisions")
 
 
-def means(trials, plan):
-    return {"taps": trials.taps.mean(axis=0), "right": (trials.what == plan.what[:, None]).mean(axis=0)}
+def sums(trials, plan):
+    return {"taps": trials.taps.sum(axis=0), "right": (trials.what == plan.what[:, None]).sum(axis=0)}
 
 
 OPTIONS = {
@@ -203,11 +203,11 @@ OPTIONS = {
 def test_resamples_are_trials_on_selections_of_the_taps(fresh, pools):
     """Those of the taps first; each selection has streams of its own, in two halves of which the mean counts."""
     table = table_of()
-    kept = play_resamples(table, (0.5, 0.9), means, **OPTIONS, fresh=fresh)
+    kept = play_resamples(table, (0.5, 0.9), sums, **OPTIONS, fresh=fresh)
 
     def alone(pool, n, stream):
         plan = plan_trials(pool, n, 4, 1, first_stream=stream)
-        return means(
+        return sums(
             run_trials(
                 table._replace(pool=pool),
                 plan,
@@ -228,12 +228,33 @@ def test_resamples_are_trials_on_selections_of_the_taps(fresh, pools):
             np.testing.assert_array_equal(values[:, 7 + r], halves[0])
             np.testing.assert_array_equal(values[:, 13 + r], halves[1])
             np.testing.assert_allclose(values[:, 1 + r], np.mean(halves, axis=0), rtol=1e-15)
+    per_trial, taps = kept.per_trial(), kept.samples["taps"]
+    np.testing.assert_allclose(per_trial.samples["taps"], taps / np.r_[60, np.full(18, 12)], rtol=1e-15)
+
+
+def test_many_trials_are_played_some_at_a_time(monkeypatch):
+    """With the same sums, and what else they might have been."""
+
+    def earlier(trials, _):
+        return (trials._replace(taps=trials.taps - 1),)
+
+    told = []
+    whole, parts = [], []
+    for size, kept in ((1 << 15, whole), (25, parts)):
+        monkeypatch.setattr(resampling, "_AT_ONCE", size)
+        told.clear()
+        kept.append(play_resamples(table_of(), (0.5, 0.9), sums, **OPTIONS, endings=earlier, progress=told.append))
+    assert told == [25, 25, 10, *[24] * 6]
+    (one,), (other,) = whole, parts
+    for name, values in one.samples.items():
+        np.testing.assert_array_equal(values, other.samples[name])
+        np.testing.assert_array_equal(one.endings[0][name], other.endings[0][name])
 
 
 def test_resamples_do_not_depend_on_workers_and_count_their_progress():
     told = []
-    one = play_resamples(table_of(), (0.5,), means, **OPTIONS, workers=1, progress=told.append)
-    several = play_resamples(table_of(), (0.5,), means, **OPTIONS, workers=3)
+    one = play_resamples(table_of(), (0.5,), sums, **OPTIONS, workers=1, progress=told.append)
+    several = play_resamples(table_of(), (0.5,), sums, **OPTIONS, workers=3)
     for name, values in one.samples.items():
         np.testing.assert_array_equal(values, several.samples[name])
     assert told == [60, *[24] * 6]
@@ -245,7 +266,7 @@ def test_resamples_do_not_depend_on_workers_and_count_their_progress():
 def test_models_differ_by_nothing_from_themselves():
     """In every resample; better ones do better in most of them."""
     weak, same, good = (
-        play_resamples(table_of(skill=skill), (0.5,), means, **OPTIONS).samples["right"][0] for skill in (0.5, 0.5, 3.0)
+        play_resamples(table_of(skill=skill), (0.5,), sums, **OPTIONS).samples["right"][0] for skill in (0.5, 0.5, 3.0)
     )
     np.testing.assert_array_equal(weak, same)
     assert (good > weak).mean() > 0.7
@@ -257,20 +278,20 @@ def test_trials_may_have_come_to_something_else():
     def earlier(trials, plan):
         return trials._replace(taps=trials.taps - 1), trials._replace(what=plan.what[:, None] + 0 * trials.what)
 
-    kept = play_resamples(table_of(), (0.5, 0.9), means, **OPTIONS, endings=earlier)
-    np.testing.assert_array_equal(kept.endings[0]["taps"], kept.samples["taps"][:, 0] - 1)
-    np.testing.assert_array_equal(kept.endings[1]["right"], [1, 1])
-    assert play_resamples(table_of(), (0.5,), means, **OPTIONS).endings == ()
+    kept = play_resamples(table_of(), (0.5, 0.9), sums, **OPTIONS, endings=earlier)
+    np.testing.assert_array_equal(kept.endings[0]["taps"], kept.samples["taps"][:, 0] - 60)
+    np.testing.assert_array_equal(kept.endings[1]["right"], [60, 60])
+    assert play_resamples(table_of(), (0.5,), sums, **OPTIONS).endings == ()
 
 
 def test_taps_may_be_drawn_again():
     """With `fresh` off no trial uses a class up."""
     fresh, again = (
-        play_resamples(table_of(), (1.0,), lambda t, _: {"used up": t.used_up.mean()}, **OPTIONS, fresh=value).samples
+        play_resamples(table_of(), (1.0,), lambda t, _: {"used up": t.used_up.sum(axis=0)}, **OPTIONS, fresh=value)
         for value in (True, False)
     )
-    assert min(fresh["used up"]) > 0.5
-    assert max(again["used up"]) == 0
+    assert fresh.per_trial().samples["used up"].min() > 0.5
+    assert not again.samples["used up"].any()
 
 
 def layered(estimate, taps, noise, rng):
