@@ -403,7 +403,7 @@ def sessions_alike(cell: NDArray[np.intp], session: NDArray[np.integer]) -> bool
     held = [np.unique(cell[session == s]) for s in np.unique(session)]
     sessions_with = np.bincount(np.concatenate(held))
     lost = max(np.count_nonzero(sessions_with[classes] == 1) for classes in held)
-    return _LOST * lost <= np.count_nonzero(sessions_with)
+    return bool(_LOST * lost <= np.count_nonzero(sessions_with))
 
 
 def episode_sessions(where: NDArray[np.intp], what: NDArray[np.intp], session: NDArray[np.integer]) -> NDArray[np.intp]:

@@ -277,7 +277,7 @@ def _sums(edges: NDArray[np.float64], fixed: bool, trials: Trials, plan: TrialPl
         values = np.stack([every, *_values(decisions).values()], axis=1)
         for c, counted in enumerate((fixed | decisions.stopped, every > 0)):
             _add(values, decisions.true, counted, decisions.belief, edges[h, c], sums[h, c], curve[h, c])
-    return {"sums": sums, "curve": curve, "used_up": trials.used_up.sum(axis=0)}
+    return {"sums": sums, "curve": curve, "used_up": trials.used_up.sum(axis=0, dtype=float)}
 
 
 @compiled

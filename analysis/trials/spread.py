@@ -122,7 +122,9 @@ def tap_spread(
 
     def reduce(played: Trials, plan: TrialPlan) -> dict[str, Floats]:
         means = tally_means(tally(played, plan, grid.shape), grid)
-        return {name: len(played.what) * means[name] for name in SPREAD} | {"used_up": played.used_up.sum(axis=0)}
+        return {name: len(played.what) * means[name] for name in SPREAD} | {
+            "used_up": played.used_up.sum(axis=0, dtype=float)
+        }
 
     ends = partial(endings, deadline=play.deadline, farthest=Farthest.on(grid))
     rule |= {"play": play, "progress": progress}
