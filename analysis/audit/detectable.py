@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import root_scalar
-from scipy.stats import gamma
+from scipy.special import gammaincc
 
 from ...inference.trials.records import TapTable
 from ...models.errors import InputError
@@ -122,7 +122,7 @@ def detectable_factor(
     scale = variance / mean
 
     def lacking(f: float) -> float:
-        return power - float(gamma.sf(limit, f * mean / scale, scale=scale))
+        return power - float(gammaincc(f * mean / scale, limit / scale))
 
     if lacking(1.0) <= 0:
         return 1.0

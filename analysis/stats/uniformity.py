@@ -17,9 +17,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import next_fast_len
-from scipy.signal import fftconvolve
-from scipy.stats import binomtest, kstest
 
 BINS = 5
 PRECISION = 1e-12
@@ -79,6 +76,9 @@ def judge(belief: NDArray[np.float64], true: NDArray[np.intp], generator: np.ran
 
 def p_values(judged: JudgedBeliefs) -> dict[str, float]:
     """The p-value of every test that can be made, by its name."""
+    from scipy.signal import fftconvolve  # noqa: PLC0415 - SciPy takes long to import
+    from scipy.stats import kstest  # noqa: PLC0415
+
     found = {}
     if len(judged.rank):
         found["rank"] = float(kstest(judged.rank, "uniform").pvalue)
@@ -99,6 +99,8 @@ def count_p(count: int, mass: NDArray[np.float64]) -> float:
 
 def poisson_binomial(p: NDArray[np.float64]) -> NDArray[np.float64]:
     """Probability of 0 to n events of which each has its own probability (n,), to about 1e-15; shape (n + 1,)."""
+    from scipy.fft import next_fast_len  # noqa: PLC0415 - SciPy takes long to import
+
     mass = np.stack([1 - p, p], axis=1)
     while len(mass) > 1:
         if len(mass) % 2:
@@ -120,6 +122,8 @@ def equal_doubt(doubt: NDArray[np.float64], bins: int) -> list[NDArray[np.intp]]
 
 def error_factor(judged: JudgedBeliefs) -> Factor:
     """Errors over those announced; the interval is Wilson's for the share of errors, with the beliefs as they are."""
+    from scipy.stats import binomtest  # noqa: PLC0415 - SciPy takes long to import
+
     n, wrong, expected = len(judged.right), int((~judged.right).sum()), float(judged.doubt.sum())
     if expected == 0:
         return Factor(*(np.inf if wrong else np.nan,) * 3)

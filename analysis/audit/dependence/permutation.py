@@ -16,7 +16,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import false_discovery_control, rankdata
 
 from ....models import seeds
 from ....models.compiled import compiled
@@ -123,7 +122,21 @@ def unit_residuals(values: Floats) -> Floats:
 
 def unit_ranks(values: Floats) -> Floats:
     """`unit_residuals` of ranks over taps, equal values sharing their mean rank: products sum to Spearman's rho."""
-    return unit_residuals(np.asarray(rankdata(values, axis=0)))
+    return unit_residuals(mean_ranks(values))
+
+
+def mean_ranks(values: Floats) -> Floats:
+    """Ranks along the first axis from 1 on, equal values sharing their mean rank; SciPy's take long to import."""
+    order = values.argsort(axis=0, kind="stable")
+    ordered = np.take_along_axis(values, order, axis=0)
+    place = np.arange(len(values)).reshape(-1, *[1] * (values.ndim - 1))
+    new = np.ones((1 + len(values), *values.shape[1:]), dtype=bool)
+    new[1:-1] = ordered[1:] != ordered[:-1]
+    first = np.maximum.accumulate(np.where(new[:-1], place, 0), axis=0)
+    last = np.minimum.accumulate(np.where(new[1:], place, len(values))[::-1], axis=0)[::-1]
+    ranks = np.empty(values.shape)
+    np.put_along_axis(ranks, order, 1 + (first + last) / 2, axis=0)
+    return ranks
 
 
 def spread_samples(J: int, samples: int) -> NDArray[np.intp]:
@@ -301,8 +314,10 @@ def false_discovery(p: Floats) -> Floats:
     """q-values of Benjamini and Hochberg (1995), NaN where p is; same shape."""
     q = np.full(p.shape, np.nan)
     tested = np.isfinite(p)
-    if tested.any():
-        q[tested] = false_discovery_control(p[tested])
+    order = p[tested].argsort()
+    of_rank = p[tested][order] * (len(order) / np.arange(1, len(order) + 1))
+    least = np.minimum.accumulate(of_rank[::-1])[::-1]
+    q[tested] = np.minimum(least[order.argsort()], 1.0)
     return q
 
 

@@ -17,7 +17,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import rankdata
 
 from ....models.compiled import compiled, ones
 from ....models.errors import InputError
@@ -30,6 +29,7 @@ from .permutation import (
     checked,
     checked_level,
     false_discovery,
+    mean_ranks,
     percentiles,
     permutation_test,
     permuted,
@@ -246,7 +246,7 @@ def _distance_sums(matrices: NDArray[np.float32], permutation: NDArray[np.int32]
 
 def quantile_bins(values: Floats, bins: int) -> NDArray[np.uint8]:
     """The bin of each value of (n, ...) among those of the first axis; equal values share a bin."""
-    rank = np.asarray(rankdata(values, axis=0))
+    rank = mean_ranks(values)
     return np.minimum(((rank - 0.5) * (bins / len(values))).astype(np.intp), bins - 1).astype(np.uint8)
 
 

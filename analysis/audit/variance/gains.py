@@ -99,8 +99,7 @@ def import_samplers() -> None:
 
     SciPy looks into a JAX that is there, and fails if another thread has imported half of it.
     """
-    import arviz  # noqa: F401, PLC0415 - as in `_sample`
-    import numpyro.infer  # noqa: F401, PLC0415
+    import numpyro.infer  # noqa: F401, PLC0415 - as in `_sample`
 
     from ....models.measurement import gain_variance  # noqa: F401, PLC0415
 

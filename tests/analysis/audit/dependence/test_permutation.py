@@ -5,13 +5,14 @@ import itertools
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from scipy.stats import spearmanr
+from scipy.stats import false_discovery_control, rankdata, spearmanr
 from solidtouch.analysis.audit.dependence import permutation as dependence
 from solidtouch.analysis.audit.dependence.permutation import (
     bootstrap_weights,
     checked,
     checked_level,
     false_discovery,
+    mean_ranks,
     percentiles,
     permutation_test,
     permuted,
@@ -185,3 +186,12 @@ def test_an_interval_needs_most_resamples(rng):
     values[:4, 0] = values[:6, 1] = np.nan
     low, _ = percentiles(values, 9)
     assert_allclose(low, [np.quantile(values[4:, 0], 0.025), np.nan])
+
+
+@pytest.mark.parametrize("shape", [(1,), (7,), (20, 3, 4)])
+def test_ranks_and_false_discovery_are_those_of_scipy(rng, shape):
+    values = rng.integers(5, size=shape).astype(float)
+    p = rng.random(30) ** 3
+
+    np.testing.assert_array_equal(mean_ranks(values), rankdata(values, axis=0))
+    np.testing.assert_allclose(false_discovery(p), false_discovery_control(p), rtol=1e-14)
