@@ -152,16 +152,20 @@ def right_sets(model: TapModel, sets: Sequence[TapSet], generator: np.random.Gen
     """
     if not isinstance(model, HistogramModel):
         return [drawn_set(model, taps, generator) for taps in sets]
-    taps = np.concatenate([one.taps for one in sets])
+    made = [np.empty(one.samples.shape, one.samples.dtype) for one in sets]
     part = np.repeat(np.arange(len(sets)), [len(one) for one in sets])
     group = np.concatenate([np.stack(one.indices(model.grid)) for one in sets], axis=1)
     if len(model.states.gain) > 1:
         group = np.stack([*group, part, np.concatenate([one.session for one in sets])])
-    number = np.unique(group, axis=1, return_inverse=True)[1]
-    for own in range(number.max() + 1):
-        members = np.flatnonzero(number == own)
-        taps[members] = generator.permuted(taps[members], axis=0)
-    return [TapSet(one.dataset.assign(taps=(one.dataset["taps"].dims, taps[part == i]))) for i, one in enumerate(sets)]
+    number = np.split(np.unique(group, axis=1, return_inverse=True)[1], np.flatnonzero(np.diff(part)) + 1)
+    for own in range(max(each.max() for each in number) + 1):
+        members = [np.flatnonzero(each == own) for each in number]
+        own_taps = [np.asarray(one.samples[rows]) for one, rows in zip(sets, members, strict=True)]
+        shuffled = generator.permuted(np.concatenate(own_taps), axis=0)
+        ends = np.cumsum([len(rows) for rows in members])
+        for taps, rows, chosen in zip(made, members, np.split(shuffled, ends[:-1]), strict=True):
+            taps[rows] = chosen
+    return [TapSet(one.dataset.assign(taps=(one.samples.dims, taps))) for one, taps in zip(sets, made, strict=True)]
 
 
 def beside_right_model(

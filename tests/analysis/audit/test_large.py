@@ -11,6 +11,7 @@ from solidtouch.analysis.audit.leakage.run import leakage
 from solidtouch.analysis.audit.variance.causes import split_variance
 from solidtouch.analysis.audit.variance.gains import tap_gains
 from solidtouch.analysis.stats.evidence import evidence
+from solidtouch.analysis.stats.right_exponent import right_sets
 from solidtouch.models import blocks, storage
 from solidtouch.models.measurement.histogram import fit
 from solidtouch.models.taps import TapSet
@@ -109,3 +110,21 @@ def test_gains_hold_few_blocks_at_a_time(make_taps, tmp_path, monkeypatch):
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < size
+
+
+def test_data_of_a_right_model_are_held_once(make_taps, tmp_path, monkeypatch):
+    """The samples of a class are read, shuffled between its taps and put down; those of the recording are not kept."""
+    taps = make_taps(repeats=20, J=50, K=20)
+    taps.save(tmp_path / "taps.nc")
+    model, size = fit(taps, taps.grid(), bins=9), taps.samples.nbytes
+    expected = right_sets(model, [taps.select(taps.session == s) for s in range(2)], np.random.default_rng(0))
+    monkeypatch.setattr(storage, "ON_DISK", 0)
+    large = TapSet.load(tmp_path / "taps.nc")
+    sets = [large.select(large.session == s) for s in range(2)]
+    tracemalloc.start()
+    found = right_sets(model, sets, np.random.default_rng(0))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 1.6 * size
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(one.samples.values, other.taps)
