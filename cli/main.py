@@ -8,7 +8,7 @@ from importlib.metadata import version as installed_version
 from typing import Annotated, Any
 
 from .shared.interrupt import INTERRUPTED, MESSAGE, TERMINATED, loading, repeated
-from .shared.process import keep_programs, leave
+from .shared.process import collect_seldom, keep_programs, leave
 
 with loading():
     import typer
@@ -91,6 +91,7 @@ def _command() -> Any:
 def program() -> None:
     """`run` as a process of its own."""
     keep_programs()
+    collect_seldom()
     code: Any = 0
     try:
         run()

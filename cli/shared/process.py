@@ -1,6 +1,7 @@
 """What a command needs as a process of its own: programs compiled by earlier ones, and an end without delay."""
 
 import atexit
+import gc
 import os
 import shutil
 import sys
@@ -38,6 +39,11 @@ def keep_programs() -> None:
             show(message, *place)
 
     warnings.showwarning = shown
+
+
+def collect_seldom() -> None:
+    """Makes Python search for circular garbage less often, which takes up to a second while JAX and others load."""
+    gc.set_threshold(50_000, 20, 20)
 
 
 def cache_folder() -> Path:

@@ -1,5 +1,6 @@
 """The process of a command: where compiled programs are kept, and an end that loses nothing."""
 
+import gc
 import os
 import subprocess
 import sys
@@ -43,6 +44,21 @@ def test_programs_that_cannot_be_read_are_removed_without_a_word(kept, capsys):
     assert not list(kept.iterdir())
     warnings.warn("something else", stacklevel=1)
     assert capsys.readouterr().out == "something else"
+
+
+def test_circular_garbage_is_collected_seldom_but_is():
+    before = gc.get_threshold()
+    try:
+        process.collect_seldom()
+        times = gc.get_stats()[0]["collections"]
+        for _ in range(120_000):
+            one = []
+            one.append(one)
+        times = gc.get_stats()[0]["collections"] - times
+    finally:
+        gc.set_threshold(*before)
+
+    assert 1 <= times <= 4
 
 
 END = """
