@@ -1,7 +1,8 @@
 """Peak memory: of a process that plays many trials, and of commands on recordings larger than memory.
 
 `python -m benchmarks.speed.memory TRIALS` prints the peak of the trials in MiB. `--recordings GB...` writes recordings
-of these sizes into a temporary folder and runs `convert`, `inspect`, `fit` and `trials` on them.
+of these sizes into a temporary folder and runs `convert`, `inspect`, `fit` and `trials` on them, or with
+`--models NAME...` fits of these models.
 """
 
 import argparse
@@ -194,10 +195,12 @@ def main() -> None:
 
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--recordings", type=float, nargs="+", metavar="GB", required=True, help="sizes in GB")
-    options = parsed(parser, "recordings")
-    text = recording_table(recordings(options.recordings))
+    parser.add_argument("--models", nargs="+", metavar="NAME", default=(), help="models to fit, and nothing else")
+    options = parsed(parser, "recordings", "recordings-models")
+    fits = [("fit", "taps.nc", "--model", name, "--out", f"{name}.nc") for name in options.models]
+    text = recording_table(recordings(options.recordings, fits or _COMMANDS))
     print(text)
-    write_block(options.document, "recordings", text)
+    write_block(options.document, "recordings-models" if fits else "recordings", text)
 
 
 if __name__ == "__main__":
