@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..blocks import ScaledSamples
 from .fits.posterior import Convergence, Sites, check_cells
 from .fits.priors import Taps
 from .likelihood.bins import TableForm
@@ -82,7 +81,7 @@ class StudentPosterior(NamedTuple):
 
 
 def fit(taps: Taps) -> StudentPosterior:
-    """Variational posterior of `story`; weighted samples stand for those of a large recording."""
+    """Variational posterior of `story`, from few weighted samples in place of all."""
     import jax
     import jax.numpy as jnp
     import numpyro
@@ -94,16 +93,14 @@ def fit(taps: Taps) -> StudentPosterior:
     from .fits.condensed import condensed
     from .fits.story_parts import EvidenceBound
 
-    moments, used, more = Moments.of(taps), taps, {}
+    moments = Moments.of(taps)
     start = jax.tree.map(jnp.asarray, _start(moments))
-    if isinstance(taps.samples, ScaledSamples):
-        used, weight = condensed(taps, moments)
-        more["weight"] = jnp.asarray(weight, dtype=jnp.float32)
+    used, weight = condensed(taps, moments)
     del moments  # of large recordings they are large, too
     # Taps are arguments of the programs, so these are the same for all taps of the same sizes and found on disk.
-    told, (where, what, samples) = used.apart(_weighted if more else story)
+    told, (where, what, samples) = used.apart(_weighted)
     data = jnp.asarray(where), jnp.asarray(what), jnp.asarray(samples, dtype=jnp.float32)
-    given = data, {"least": jnp.asarray(taps.least), **more}
+    given = data, {"least": jnp.asarray(taps.least), "weight": jnp.asarray(weight, dtype=jnp.float32)}
     guide = AutoNormal(told, init_loc_fn=init_to_value(values=start))
     # In every run the rate falls to a fiftieth.
     svi = SVI(told, guide, Adam(lambda step: _RATE * 0.02 ** ((step % _STEPS) / _STEPS)), EvidenceBound())

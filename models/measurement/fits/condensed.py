@@ -17,6 +17,7 @@ from .priors import Taps
 _BINS = 160  # of a class and taxel; they reach to 344 standard deviations from the mean
 _PER_DISTANCE = 8.0
 _NEAR = 1 / 32  # of a standard deviation
+_SIZES = 32  # numbers of samples are multiples of it, so that programs compiled for one fit serve others
 _ONE_VALUE = 1e-6  # a spread that rounding may be, in units and relative to the distance from the mean
 
 
@@ -48,7 +49,8 @@ def condensed(taps: Taps, moments: Moments) -> Condensed:
     for block, which in taps.over_blocks(lambda block, which: (block, which)):
         _add(block, own[which], level, unit, sums)
     parts = [_two_of_each(one) for one in sums]
-    samples = np.zeros((len(parts), max(values.shape[-1] for values, _ in parts), level.shape[1]))
+    longest = max(values.shape[-1] for values, _ in parts)
+    samples = np.zeros((len(parts), -(-longest // _SIZES) * _SIZES, level.shape[1]))
     weight = np.zeros_like(samples)
     for c, (values, times) in enumerate(parts):
         samples[c, : values.shape[1]], weight[c, : values.shape[1]] = values.T, times.T
