@@ -177,13 +177,12 @@ def _sentence(table: TapTable) -> str:
     """What intervals hold, from what is drawn anew, and whether a trial mixes sessions."""
     drawn, trials = sessions_drawn(table), sessions_in_words(table)
     held = (
-        f"{resamples_in_words(drawn)}; they cover other test sessions"
+        f"the test taps {resamples_in_words(drawn)}; they cover other test sessions"
         if drawn > 1
-        else f"{resamples_in_words(1, thinned=False)} (for fresh taps, {resamples_in_words(1)}); they cover other test "
-        "data"
+        else f"{RESAMPLES} resamples of the test taps {resamples_in_words(1, thinned=False)} (for fresh taps, "
+        f"{resamples_in_words(1)}); they cover other test data"
     )
     missing = "" if drawn > 1 else ", but not other sessions"
     return (
-        f"Brackets are {CONFIDENCE:.0%} intervals from {RESAMPLES} resamples of the test taps {held} of these "
-        f"classes{missing}, for the same model. {trials}".rstrip()
-    )
+        f"Brackets are {CONFIDENCE:.0%} intervals from {held} of these classes{missing}, for the same model. {trials}"
+    ).rstrip()

@@ -290,14 +290,14 @@ def spread(table: TapTable, *, noise: float | None = None, thinned: bool = False
 
 
 def resamples_in_words(sessions: int, thinned: bool = True) -> str:
-    """Description of the resamples, to follow "resamples" or "selections of the test taps".
+    """What intervals are from, to follow "the test taps"; of one session, "resamples" or "selections" of these.
 
     Args:
         sessions: That are drawn, see `selections.session_sizes`.
         thinned: Whether taps are drawn as in `thinned_pools`, or as in `resampled_pools`.
     """
     if sessions > 1:
-        return f"without one of the {sessions} test sessions in turn"
+        return f"without each of the {sessions} test sessions in turn"
     return "without a quarter of each class" if thinned else "of each class, drawn with replacement"
 
 
@@ -337,7 +337,7 @@ def too_few(
         (
             sessions > 1 and few_sessions,
             f"Too few test sessions, {sessions}{unequal}, to estimate the variation between sessions, so intervals are "
-            "wide.",
+            "unreliable: usually wide, but too narrow at times where few sessions have most of the errors.",
         ),
         (sessions > 1, ""),
         (taps < FEW_TAPS, f"Too few test taps, about {taps} per class: intervals are rough."),

@@ -172,7 +172,7 @@ def test_sessions_are_drawn_where_several_test(command, make_taps, tmp_path, mon
         kept = xr.load_dataset(tmp_path / "out.nc")
         widths.append((kept["what_wrong_high"] - kept["what_wrong_low"]).item())
         for words in (
-            "without one of the 4 test sessions in turn",
+            "from the test taps without each of the 4 test sessions in turn",
             "Each trial stays in one of the 4 test sessions.",
         ):
             assert (words in " ".join(done.out.split())) == (len(widths) == 1)

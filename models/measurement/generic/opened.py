@@ -112,4 +112,7 @@ class OpenedModel(TapModel):
         Raises:
             InputError: Always.
         """
-        raise InputError(f"A fit of {self.kind} is saved with its code at hand; name it with load_model(path, story=).")
+        raise InputError(
+            f"save() and to_datatree() need the code of {self.kind}, without which this fit was opened; name it with "
+            "load_model(path, story=...)."
+        )

@@ -286,7 +286,7 @@ def test_sentences_say_what_the_intervals_hold():
     assert "t-intervals of the mean over 12 simulated data sets" in interval_sentence(12, "simulated data sets")
     assert "share training sessions" in interval_sentence(3, "folds")
     assert "on test taps of each class, drawn with replacement" in interval_sentence(1, "folds")
-    assert "without one of the 2 test sessions in turn" in interval_sentence(
+    assert "without each of the 2 test sessions in turn" in interval_sentence(
         1, "folds", Spread(1.0, freedom=1.0, sessions=2)
     )
     assert interval_sentence(1, "folds", Spread(np.nan, "One tap.")) == "One tap."

@@ -453,7 +453,7 @@ def test_one_place_has_no_active_trials():
     assert "another session may differ by more" in interval_sentence(data)
     sessions = table_of(L=1)._replace(session=np.arange(M * 4) % 2)
     several = reliability(sessions, grid_of(1), (0.6,), 0, trials=50, contacts=(1,), resamples=9)
-    assert "without one of the 2 test sessions in turn" in interval_sentence(several)
+    assert "without each of the 2 test sessions in turn" in interval_sentence(several)
     assert guarantees(table_of(L=1), table_of(L=1), grid_of(1), (0.6,), 0, trials=50).policy.values.tolist() == [
         "passive"
     ]
