@@ -152,6 +152,11 @@ class TapModel(ABC):
         """
         raise TypeError(f"A model of type {type(self).__name__} has no prior.")
 
+    def deciding_by(self, posterior: "Posterior", generators: "Sequence[np.random.Generator]") -> Self:
+        """The same with draws from its posterior, one for each generator, by the mean over which it decides."""
+        model: Any = self  # every kind is a dataclass
+        return replace(model, draws=tuple(several(posterior, generators)))
+
     def integrated(
         self,
         posterior: Any,  # noqa: ARG002
@@ -188,7 +193,12 @@ class TapModel(ABC):
     @cached_property
     def form(self) -> "Form":
         """Likelihood form over positions and hypotheses, at power 1, integrated over the draws if there are any."""
-        return self.over_states([self.form_of(parameters) for parameters in self.draws] or [self.plain_form])
+        return self.over_states(self.deciding_forms)
+
+    @property
+    def deciding_forms(self) -> Sequence["Form"]:
+        """Likelihood forms of the draws, or of the parameters."""
+        return [self.form_of(parameters) for parameters in self.draws] or [self.plain_form]
 
     def over_states(self, parts: Sequence["Form"]) -> "Form":
         """Form over positions and hypotheses from forms over classes that count equally."""
@@ -484,9 +494,8 @@ class Fitted(NamedTuple):
                 f"A {self.model.name} model without a pseudocount has no posterior to integrate over: its prior is "
                 "improper."
             )
-        model: Any = self.model  # every kind is a dataclass
-        each = several(posterior, [generator(seed, Purpose.INTEGRATED, number) for number in range(draws)])
-        return self._replace(model=replace(model, draws=tuple(each)))
+        each = [generator(seed, Purpose.INTEGRATED, number) for number in range(draws)]
+        return self._replace(model=self.model.deciding_by(posterior, each))
 
 
 class Row(NamedTuple):

@@ -28,7 +28,13 @@ class States(NamedTuple):
     @classmethod
     def alike(cls, number: int) -> Self:
         """States of gain 1 and offset 0 that differ in something else."""
-        return cls(np.ones(number), np.zeros(number), np.full(number, -np.log(number)))
+        return cls.weighted(np.zeros(number))
+
+    @classmethod
+    def weighted(cls, log_weight: NDArray[np.float64]) -> Self:
+        """States of gain 1 and offset 0 that differ in something else, in proportion to these weights."""
+        number = len(log_weight)
+        return cls(np.ones(number), np.zeros(number), log_weight - np.logaddexp.reduce(log_weight))
 
     def apart(self) -> Self:
         """States of different gain or offset, each with the probability of all that are like it."""

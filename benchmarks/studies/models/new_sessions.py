@@ -9,6 +9,7 @@ error, so the evidence is known exactly.
 import argparse
 from collections.abc import Sequence
 from functools import partial
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 from solidtouch.models.measurement.generic.contract import StoryCall, StoryFunction
 from solidtouch.models.measurement.generic.runs import Program
 from solidtouch.models.measurement.generic.session_draws import error_of_mean
-from solidtouch.models.measurement.generic.sessions import in_new_sessions
+from solidtouch.models.measurement.generic.sessions import in_new_sessions, session_points
 from solidtouch.models.measurement.generic.structure import structure_of
 from solidtouch.models.seeds import Purpose, generator
 
@@ -29,6 +30,8 @@ SHIFTS = (1, 2, 4, 8)
 RATIOS = (1.0, 3.0, 10.0)
 """Standard deviation of a shift in the prior over that of the error with which an episode tells it."""
 DRAWS = (128, 512, 2048)
+FAR = 3.0
+"""Standard deviations of the prior."""
 _EPISODES = 12
 
 
@@ -37,6 +40,7 @@ class Errors(NamedTuple):
 
     Attributes:
         shifts: Number of shifts of a session.
+        far: Whether the first shift is `FAR` out.
         ratio: One of `RATIOS`.
         draws: Number of draws.
         error: That of the log evidence.
@@ -44,6 +48,7 @@ class Errors(NamedTuple):
     """
 
     shifts: int
+    far: bool
     ratio: float
     draws: int
     error: float
@@ -58,11 +63,12 @@ def shifted(where: Any, what: Any, taps: Any = None, *, J: int, K: int, session:
         numpyro.sample("taps", dist.Normal(shift[session][:, None], 1.0), obs=taps)
 
 
-def new_shifts(program: Program, draws: int, repetition: int) -> NDArray[np.float64]:
-    """Shifts of new sessions, shape (draws, shifts)."""
+def new_shifts(program: Program, draws: int, repetition: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Shifts of new sessions, shape (draws, shifts), and their log weights, shape (draws,)."""
     known = {"shift": np.zeros((program.sessions, program.batch.shape[3]))}
     own = [generator(repetition, Purpose.NEW_SESSION, number) for number in range(draws)]
-    return np.stack([one["shift"][-1] for one in in_new_sessions(program, [known] * draws, own)])
+    points, log_weight = session_points(program, known, draws, own[0], tails=True)
+    return np.stack([one["shift"][-1] for one in in_new_sessions(program, [known] * draws, own, points)]), log_weight
 
 
 def errors(
@@ -73,30 +79,34 @@ def errors(
     batch = StoryCall(none, none, (1, 1, 1, shifts), np.zeros(1), session=none)
     story = StoryFunction.of(shifted, "shifted")
     program = Program(story, structure_of(story, batch), batch, 1)
-    most = new_shifts(program, max(draws), repetition)  # the first ones are those of fewer draws
+    most, weight = new_shifts(program, max(draws), repetition)  # the first ones are those of fewer draws
     rng, found = generator(repetition, Purpose.STUDY, shifts), []
-    for ratio in ratios:
+    for far, ratio in product((False, True), ratios):
         told = rng.normal(size=(_EPISODES, shifts)) * np.sqrt(1 + ratio**-2)
+        if far:
+            told[:, 0] = FAR
         exact = -0.5 * (np.log1p(ratio**2) + told**2 / (1 + ratio**-2)).sum(axis=1)
-        log_weight = -0.5 * ratio**2 * ((most[:, None] - told) ** 2).sum(axis=2)
+        likely = -0.5 * ratio**2 * ((most[:, None] - told) ** 2).sum(axis=2)
         for number in draws:
-            off = np.logaddexp.reduce(log_weight[:number], axis=0) - np.log(number) - exact
-            found.append(Errors(shifts, ratio, number, np.abs(off).mean(), error_of_mean(log_weight[:number])))
+            log_mean = np.logaddexp.reduce(weight[:number]) - np.log(number)
+            log_weight = likely[:number] + weight[:number, None] - log_mean
+            off = np.logaddexp.reduce(log_weight, axis=0) - np.log(number) - exact
+            found.append(Errors(shifts, far, ratio, number, np.abs(off).mean(), error_of_mean(log_weight)))
     return found
 
 
 def shown(results: Sequence[Errors]) -> str:
-    """Median errors and what is said, a line for each number of shifts and ratio."""
+    """Median errors and what is said, a line for each number of shifts, first shift and ratio."""
     lines = []
-    for shifts, ratio in dict.fromkeys((one.shifts, one.ratio) for one in results):
+    for shifts, far, ratio in dict.fromkeys((one.shifts, one.far, one.ratio) for one in results):
         cells = []
         for number in dict.fromkeys(one.draws for one in results):
-            own = [one for one in results if (one.shifts, one.ratio, one.draws) == (shifts, ratio, number)]
+            own = [one for one in results if one[:4] == (shifts, far, ratio, number)]
             error, said = (np.median([getattr(one, name) for one in own]) for name in ("error", "said"))
             cells.append(f"{_short(error)} / {_short(said)}")
-        lines.append([str(shifts), f"{ratio:g}", *cells])
+        lines.append([str(shifts), f"{FAR:g} sd out" if far else "drawn", f"{ratio:g}", *cells])
     numbers = [f"{number} draws" for number in dict.fromkeys(one.draws for one in results)]
-    return table(["shifts", "ratio", *numbers], lines)
+    return table(["shifts", "first shift", "ratio", *numbers], lines)
 
 
 def _short(error: float) -> str:
@@ -124,7 +134,7 @@ def main() -> None:
     write_json("new-sessions", [one._asdict() for one in results])
     text = f"{shown(results)}\n\nMedians of {options.repetitions} repetitions. {within(results)}"
     print(text)
-    if len(results) == len(tasks) * len(RATIOS) * len(DRAWS):
+    if len(results) == 2 * len(tasks) * len(RATIOS) * len(DRAWS):
         write_block(options.document, "new-sessions", text)
 
 

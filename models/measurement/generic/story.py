@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 import xarray as xr
@@ -17,7 +17,7 @@ from ..fits.priors import filled
 from ..fitted_parameters import ModelOfParameters, training
 from ..likelihood.any_form import Form
 from ..likelihood.bins import TableForm
-from ..likelihood.mixture import MixtureForm, mean_form
+from ..likelihood.mixture import mean_form
 from ..likelihood.shapes import Parameters
 from ..missing import refuse_missing
 from ..model import Fitted, Row
@@ -171,9 +171,17 @@ class GenericModel(ModelOfParameters):
     def __post_init__(self) -> None:
         """Adds states, one for each draw of a new session."""
         super().__post_init__()
-        if self.program.structure.by_session:
-            number = len(self.draws) or max(FEWEST, len(self.states.gain))
-            object.__setattr__(self, "states", States.alike(number))
+        if not self.program.structure.by_session:
+            return
+        from .sessions import session_points
+
+        states = self.states
+        if not self.draws:
+            number, scrambler = max(FEWEST, len(states.gain)), generator(0, Purpose.NEW_SESSION, 0)
+            states = States.weighted(session_points(self.program, self.parameters, number, scrambler, tails=True)[1])
+        elif len(states.gain) != len(self.draws):
+            states = States.alike(len(self.draws))
+        object.__setattr__(self, "states", states)
 
     @property
     def name(self) -> str:
@@ -203,14 +211,30 @@ class GenericModel(ModelOfParameters):
     @cached_property
     def plain_form(self) -> Form:
         """Likelihood form of the parameters; of a model with sessions, the mean over new ones."""
-        return mean_form([self.form_of(parameters) for parameters in self._in_new_sessions()])
+        return mean_form([self.form_of(parameters) for parameters in self._in_new_sessions(tails=False)])
+
+    def deciding_by(self, posterior: "Posterior", generators: Sequence[np.random.Generator]) -> Self:
+        """As the base class; rare new sessions are among the draws, with their weights."""
+        from .sessions import InNewSessions
+
+        if not isinstance(posterior, InNewSessions):
+            return super().deciding_by(posterior, generators)
+        each, log_weight = posterior.with_tails(generators)
+        return replace(self, draws=tuple(each), states=States.weighted(log_weight))
 
     def over_states(self, parts: Sequence[Form]) -> Form:
         """Form over positions and hypotheses; what is drawn with a new session is one state."""
         if not self.program.structure.by_session:
             return super().over_states(parts)
-        each: Any = [one for part in parts for one in (part.parts if isinstance(part, MixtureForm) else (part,))]
-        return each[0].joined(each)
+        first: Any = parts[0]
+        return first.joined(parts)
+
+    @property
+    def deciding_forms(self) -> Sequence[Form]:
+        """Likelihood forms of the draws, or of the parameters; with sessions one for each state."""
+        if not self.program.structure.by_session:
+            return super().deciding_forms
+        return [self.form_of(parameters) for parameters in self.decides_at]
 
     def integration_error(self, taps: NDArray[np.float64], own: "Own", episodes: Sequence[NDArray[np.intp]]) -> float:
         """Mean error of the log evidence of episodes in a new session, in nats, see `error_of_mean`.
@@ -227,7 +251,7 @@ class GenericModel(ModelOfParameters):
         known = OwnTaps(taps[rows], (own[0][rows], own[1][rows]), self.edges, self.states)
         each = np.stack([known.log_probability(self.form_of(parameters)) for parameters in self.decides_at])
         evidence = self.exponent * np.stack([each[:, rows].sum(axis=1) for rows in part], axis=1)
-        return error_of_mean(evidence)
+        return error_of_mean(evidence + self.states.log_prior[:, None] + np.log(len(evidence)))
 
     def by_story(self, parameters: Parameters) -> list["GenericForm"]:
         """The form that runs the function for every tap."""
@@ -261,14 +285,16 @@ class GenericModel(ModelOfParameters):
             raise InputError(f"No tap of session {unknown[0]} trained {self.name}, which tells sessions apart.")
         return where, np.searchsorted(self.sessions, taps.session) * self.grid.M + what
 
-    def _in_new_sessions(self) -> Sequence[Parameters]:
-        from .sessions import in_new_sessions
+    def _in_new_sessions(self, *, tails: bool = True) -> Sequence[Parameters]:
+        """The parameters with new sessions, those of the states or, without tails, such as weigh the same."""
+        from .sessions import in_new_sessions, session_points
 
         if not self.program.structure.by_session:
             return [self.parameters]
         draws = FEWEST if self.draws else len(self.states.gain)
         generators = [generator(0, Purpose.NEW_SESSION, number) for number in range(draws)]
-        return list(in_new_sessions(self.program, [self.parameters] * draws, generators))
+        points, _ = session_points(self.program, self.parameters, draws, generators[0], tails)
+        return list(in_new_sessions(self.program, [self.parameters] * draws, generators, points))
 
     def form_of(self, parameters: Parameters) -> Form:
         """Likelihood form of other parameters; their last session is the one at perception."""

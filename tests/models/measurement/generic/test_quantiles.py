@@ -109,7 +109,9 @@ def drawn():
         if plain:
             each = [[sessions.with_new_session(program, latents, one) for one in of_one] for of_one in own]
         else:
-            each = [list(sessions.in_new_sessions(program, [latents] * 128, of_one)) for of_one in own]
+            points = [sessions.session_points(program, latents, 128, of_one[0])[0] for of_one in own]
+            given = zip([[latents] * 128] * 8, own, points, strict=True)
+            each = [list(sessions.in_new_sessions(program, *of_one)) for of_one in given]
         return {name: np.array([[one[name][-1] for one in of_one] for of_one in each]) for name in latents}
 
     return new(False), new(True)

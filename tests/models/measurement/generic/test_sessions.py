@@ -178,7 +178,7 @@ def test_taps_of_an_episode_share_a_session(samples, fitted):
     taps, fit, _ = fitted(shifts, samples)
     model, episode = fit.model, taps.taps[taps.where == 0][:5]
     found = model.log_likelihood(episode)[:, 0].sum(axis=0).reshape(-1, M)
-    found = np.logaddexp.reduce(found, axis=0) - np.log(len(found))
+    found = np.logaddexp.reduce(found + model.states.log_prior[:, None], axis=0)
 
     shift = np.linspace(-10, 10, 4001)
     level = (model.parameters["loc"][:, None] + shift)[..., None, None, None]
@@ -199,12 +199,19 @@ def test_the_models_of_numpyro_have_the_same_sessions(samples, fitted):
     np.testing.assert_allclose(found, by_story(fit.model, taps.taps[:2]), rtol=1e-9)
 
 
+def check_spread(draws, log_prior):
+    """One in each part of a beta distribution of the quantiles of a shift; weights make it uniform again."""
+    point = stats.beta(3, 3).ppf(stats.norm.cdf([one["shift"][-1] for one in draws], 0, 2))
+    D = len(draws)
+    np.testing.assert_array_equal(np.sort((point * D).astype(int)), np.arange(D))
+    weight = stats.beta(3, 3).pdf(point)
+    np.testing.assert_allclose(np.exp(log_prior), weight / weight.sum(), rtol=1e-6)
+    assert weight.sum() == pytest.approx(D, rel=2 / D)
+
+
 def test_what_a_new_session_is_drawn_from_is_filled_evenly(fitted):
     model = fitted(shifts)[1].model
-    quantiles = stats.norm.cdf([one["shift"][-1] for one in model.decides_at], 0, 2)
-    D = len(quantiles)
-
-    np.testing.assert_array_equal(np.sort((quantiles * D).astype(int)), np.arange(D))
+    check_spread(model.decides_at, model.states.log_prior)
     assert all((one["shift"][:-1] == model.parameters["shift"]).all() for one in model.decides_at)
 
 
@@ -215,6 +222,22 @@ def test_priors_without_quantiles_are_drawn_from(fitted, monkeypatch):
 
     assert stats.kstest(quantiles, "uniform").pvalue > 0.01
     assert len(set((quantiles * len(quantiles)).astype(int))) < len(quantiles)
+
+
+@pytest.mark.parametrize("sd", [0.0, 2.7, 4.0])
+def test_an_episode_in_a_session_far_out_has_the_exact_belief(sd, fitted):
+    """So many standard deviations from the middle of the prior of shifts, in the log evidence of ten taps."""
+    taps, fit, _ = fitted(shifts)
+    model, rng = fit.model, np.random.default_rng(3)
+    episode = rng.normal(model.parameters["loc"][0] + 2 * sd, 1.0, size=(10, *taps.taps.shape[1:]))
+    episode = np.clip(episode, model.edges.min(), model.edges.max())
+    found = model.log_likelihood(episode)[:, 0].sum(axis=0).reshape(-1, M)
+    found = np.logaddexp.reduce(found + model.states.log_prior[:, None], axis=0)
+    shift = np.linspace(-15, 15, 12001)
+    level = (model.parameters["loc"][:, None] + shift)[..., None, None, None]
+    each = log_probability(model, episode, level).sum(axis=-1)
+    exact = np.logaddexp.reduce(each + stats.norm.logpdf(shift, 0, 2), axis=-1) + np.log(shift[1] - shift[0])
+    np.testing.assert_allclose(found, exact, atol=0.3)
 
 
 def test_the_error_of_the_draws_of_new_sessions_is_known(fitted):
@@ -230,7 +253,7 @@ def test_the_error_of_the_draws_of_new_sessions_is_known(fitted):
     exact = [np.logaddexp.reduce(each[:, rows].sum(axis=1) + prior) for rows in episodes]
     known = OwnTaps(taps.taps, own, model.edges, model.states)
     parts = np.stack([known.log_probability(model.form_of(one)) for one in model.decides_at])
-    found = [np.logaddexp.reduce(parts[:, rows].sum(axis=1)) - np.log(len(parts)) for rows in episodes]
+    found = [np.logaddexp.reduce(parts[:, rows].sum(axis=1) + model.states.log_prior) for rows in episodes]
     error = np.abs(np.subtract(found, exact)).mean()
 
     assert all(len(rows) == 10 and len(set(session[rows])) == 1 for rows in episodes)
@@ -239,10 +262,8 @@ def test_the_error_of_the_draws_of_new_sessions_is_known(fitted):
 
 
 def test_integrated_fits_spread_new_sessions_evenly(fitted):
-    draws = fitted(shifts)[1].integrated(32, 1).model.draws
-    quantiles = stats.norm.cdf([one["shift"][-1] for one in draws], 0, 2)
-
-    np.testing.assert_array_equal(np.sort((quantiles * 32).astype(int)), np.arange(32))
+    model = fitted(shifts)[1].integrated(32, 1).model
+    check_spread(model.draws, model.states.log_prior)
 
 
 def test_a_session_has_no_gain_beside_what_it_has_already(make_taps, monkeypatch):
