@@ -70,6 +70,7 @@ interval-studies: $(VENV)/.ready-run
 	@$(PY) -m benchmarks.studies.intervals.coverage --preview --data-sets 200 --sizes "6 x 3" --taps 20 --document docs/explanation/intervals.md
 	@$(PY) -m benchmarks.studies.intervals.sessions --document docs/explanation/intervals.md
 	@$(PY) -m benchmarks.studies.intervals.stored_taps --document docs/explanation/intervals.md
+	@$(PY) -m benchmarks.studies.intervals.left_out --document docs/explanation/intervals.md
 	@$(PY) -m benchmarks.studies.intervals.places --document docs/explanation/intervals.md
 	@$(PY) -m benchmarks.studies.intervals.commands --document docs/explanation/intervals-commands.md
 

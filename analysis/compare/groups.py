@@ -105,12 +105,18 @@ type Scorer = Callable[[Fitted, TapSet, float], dict[str, TapScores]]
 def scorer(unit: str, folds: Sequence[GroupFold], grid: ClassGrid, seed: int) -> Scorer:
     """What scores the left-out taps under a model, given the exponent of its decisions."""
     if unit == "session":
-        return lambda fitted, taps, _: score_sessions(fitted, taps, seed)
+        alone = one_session(folds)
+        return lambda fitted, taps, _: score_sessions(fitted, taps, seed, alone=alone)
     axis = _AXIS[unit]
     fold_of = np.full(grid.shape[axis], -1)
     for number, fold in enumerate(folds):
         fold_of[fold.test.indices(grid)[axis]] = number
     return lambda fitted, taps, exponent: score_places(fitted, taps, unit, fold_of, seed, exponent)
+
+
+def one_session(folds: Sequence[GroupFold]) -> bool:
+    """Whether one session alone is left out, so that nothing shows how sessions vary."""
+    return len(folds) == 1 and len(np.unique(folds[0].test.session)) == 1
 
 
 def score_kinds(unit: str, grid: ClassGrid, *, in_bins: bool) -> dict[str, ScoreKind]:
@@ -125,15 +131,17 @@ def score_kinds(unit: str, grid: ClassGrid, *, in_bins: bool) -> dict[str, Score
     }
 
 
-def score_sessions(fitted: Fitted, taps: TapSet, seed: int) -> dict[str, TapScores]:
+def score_sessions(fitted: Fitted, taps: TapSet, seed: int, *, alone: bool = False) -> dict[str, TapScores]:
     """Log probability of taps of left-out sessions under their own classes, which the model knows, in nats.
+
+    Clusters are sessions, or the classes of one that is left out `alone`.
 
     Returns:
         `integrated`, where there is a posterior, and `plug_in`.
     """
     own = taps.indices(fitted.model.grid)
-    clusters = np.stack([taps.session, own[0] * fitted.model.grid.M + own[1]])
-    cluster = np.unique(clusters, axis=1, return_inverse=True)[1].astype(np.intp).ravel()
+    drawn = own[0] * fitted.model.grid.M + own[1] if alone else taps.session
+    cluster = np.unique(drawn, return_inverse=True)[1].astype(np.intp)
     return {name: TapScores(way(taps.taps, own), cluster) for name, way in _ways(fitted, seed).items()}
 
 

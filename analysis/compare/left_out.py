@@ -8,8 +8,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from ...inference.trials.resampling import too_few
 from ...models.errors import InputError
-from ...models.grid import ClassGrid
+from ...models.grid import FEW_TAPS, ClassGrid
 from ...models.measurement.draws import by_numpyro
 from ...models.measurement.fits.portable import PortableFit
 from ...models.measurement.generic.source import take_over
@@ -20,7 +21,7 @@ from ...models.taps import TapSet
 from ..page.stages import StageClock
 from ..tasks.crew import Crew, on_threads
 from ..tasks.kept import Kept
-from .groups import GroupFold, folds_of, known_taps, said, score_kinds, scorer
+from .groups import GroupFold, folds_of, known_taps, one_session, said, score_kinds, scorer
 from .taps import TapScores, join_scores, mean_scores, relative_elpd
 
 
@@ -95,13 +96,23 @@ def leave_out_groups(
         for kind, named in scores.items()
     }
     kinds = score_kinds(unit, grid, in_bins=all(fitted.model.measure == BINS for fitted in fits.values()))
-    means = [
-        mean_scores(named, next(iter(named)), kind, groups.seed, kinds[kind]) for kind, named in whole.items() if named
-    ]
-    merged = xr.merge(means, join="outer", combine_attrs="drop_conflicts").assign_attrs(unit=unit) if means else None
+    means = [mean_scores(named, next(iter(named)), kind, kinds[kind]) for kind, named in whole.items() if named]
+    drawn = "class" if unit == "session" and one_session(folds) else unit
+    merged = xr.merge(means, join="outer", combine_attrs="drop_conflicts") if means else None
+    merged = None if merged is None else merged.assign_attrs(unit=unit, drawn=drawn)
     elpd = relative_elpd(predicted, len(folds)) if (predicted := whole.get("integrated")) else {}
     missing = [f"{name} has no value for left-out {unit}s: {reason}" for name, reason in failed.items()]
-    return merged, elpd, sentence, missing
+    return merged, elpd, sentence, [*missing, *_cautions(merged)]
+
+
+def _cautions(means: xr.Dataset | None) -> list[str]:
+    """What intervals of left-out sessions do not cover, or why they are wide, in a sentence."""
+    if means is None or means.attrs["unit"] != "session":
+        return []
+    if means.attrs["drawn"] == "class":
+        return ["One session is left out, so intervals of log probabilities of taps do not cover another session."]
+    few = too_few(FEW_TAPS, sessions=means.attrs["clusters"], freedom=means.attrs["freedom"])
+    return [f"Log probabilities of taps: {few}"] if few else []
 
 
 def _refits(fits: dict[str, Fitted], groups: LeftGroups, failed: dict[str, str], crew: Crew) -> Iterator[_Refitted]:

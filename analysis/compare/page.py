@@ -83,24 +83,22 @@ def _findings(summary: Row) -> Iterator[Block]:
 
 
 def _taps(comparison: Comparison, summary: Row) -> Iterator[Block]:
-    unit = summary["unit"]
-    how = (
-        "bootstrap intervals with the taps of one session and class as units"
-        if unit == "session"
-        else f"jackknife intervals, leaving out each fold of {unit}s, and hold for independent {unit}s"
-    )
+    unit, means = summary["unit"], comparison.left_out_groups
+    drawn = unit if means is None else means.attrs["drawn"]
+    how = f"leaving out each {drawn} in turn"
+    if unit != "session":
+        how = f"leaving out each fold of {unit}s, and hold for independent {unit}s"
     yield (
         f"{summary['groups']} Values are mean log probabilities per tap, in nats, of the same bins for all models, "
         "at power 1. Integrated: over the posterior of the parameters. Plug-in: at the parameters used for decisions. "
-        f"Intervals are 95% {how}. The difference from "
-        "the best model with its standard error (assuming independent taps) and the stacking weight are computed by "
-        "ArviZ (`az.compare`)."
+        f"Intervals are 95% jackknife intervals, {how}. Stacking weights are those of ArviZ (`az.compare`), with taps "
+        "as units."
     )
-    if comparison.left_out_groups is not None:
+    if means is not None:
         less = f"− {summary['reference']}"
         yield Brief(
             Table(
-                ["model", "integrated", less, "plug-in", less, "− best ± SE", "weight"],
+                ["model", "integrated", less, "plug-in", less, "weight"],
                 [
                     [
                         row["name"],
@@ -108,20 +106,19 @@ def _taps(comparison: Comparison, summary: Row) -> Iterator[Block]:
                         interval(row, "integrated_difference"),
                         interval(row, "plug_in"),
                         interval(row, "plug_in_difference"),
-                        _behind(row),
                         f"{row['weight']:.2f}" if "weight" in row else "–",
                     ]
                     for row in summary["taps"]
                 ],
                 f"Log probability of the taps of left-out {unit}s (nat per tap)",
             ),
-            columns=(0, 1, 2, 3, 6),
+            columns=(0, 1, 2, 3, 5),
         )
         yield Picture(
             f"{unit}s",
             f"Prediction of left-out {unit}s",
             "Mean log probability of a tap’s bins minus that of the reference model, with 95% intervals.",
-            partial(figures_taps.groups_left_out, comparison.left_out_groups),
+            partial(figures_taps.groups_left_out, means),
         )
         if unit != "session":
             yield from _inferred(summary)
@@ -344,9 +341,3 @@ def _provenance(summary: Row) -> Iterator[Block]:
     yield Section("Versions", [Table((), [*summary["versions"].items()], words={1})])
     times = [(name, number(value)) for name, value in summary["elapsed_s"].items()]
     yield Section("Time spent (s)", [Table((), times)])
-
-
-def _behind(row: Row) -> str:
-    if "behind" not in row or "behind_se" not in row:
-        return "–"
-    return f"{row['behind']:.1f} ± {row['behind_se']:.1f}".replace("-", "−")

@@ -128,9 +128,7 @@ def _taps(comparison: Comparison) -> list[Row]:
         for row in _rows(means):
             found[row["name"]] |= row
         for name, row in () if stacking is None else stacking.iterrows():
-            taps = means.attrs["taps"]
             found[name] |= {"weight": float(row["weight"])}
-            found[name] |= {"behind": float(row["elpd_diff"]) / taps, "behind_se": float(row["dse"]) / taps}
     if single is not None:
         for name in map(str, single["model"].values):
             found[name] |= _single(single.sel(model=name))

@@ -14,13 +14,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from ...inference.trials.resampling import Spread
+from ...inference.trials.resampling import Spread, freedom_of
 from ...models.measurement.draws import drawn
 from ...models.measurement.model import Fitted
 from ...models.seeds import Purpose, generator
 from ...models.taps import TapSet
 from ...models.threads import one_blas_thread
-from ..stats.pairing import RESAMPLES, with_intervals
+from ..stats.pairing import with_intervals
 
 GOOD_K = 0.7
 """Pareto k above which importance sampling of a tap is not to be trusted, however many draws; less with few."""
@@ -50,8 +50,8 @@ class TapScores(NamedTuple):
 
     Attributes:
         values: Log probabilities in nats, or another score, shape (N,).
-        cluster: Number of the tap's session and class, or of the fold of positions or objects that was left out; taps
-            of one cluster err together; shape (N,).
+        cluster: Number of what would be drawn anew: the tap's session, the fold of positions or objects that was left
+            out, or the class where one session is left out alone; shape (N,).
         without: The score if one more cluster had been left out, shape (N, C), NaN for the tap's own; `None` where
             taps of other clusters do not depend on it.
     """
@@ -177,43 +177,30 @@ def stacked(elpd: Mapping[str, Any]) -> Any:
 
 
 def mean_scores(
-    scores: Mapping[str, TapScores],
-    reference: str,
-    name: str,
-    seed: int,
-    of: ScoreKind = LOG_PROBABILITY,
+    scores: Mapping[str, TapScores], reference: str, name: str, of: ScoreKind = LOG_PROBABILITY
 ) -> xr.Dataset:
     """Mean score per tap of every model, and of its difference to a reference, with intervals.
 
-    Clusters are drawn with replacement, the same for all models. Where the score of a tap depends on other clusters, as
-    it does on the positions that the model was trained on, each cluster is left out in turn instead, as a tap and as
-    one of these (jackknife). C clusters tell a variance with C - 1 degrees of freedom.
+    Each cluster is left out in turn (jackknife), with its taps and, where the scores of other taps depend on it, as
+    they do on the positions that the model was trained on, in what models say of those. The variance of C clusters of
+    one size has C - 1 degrees of freedom. There is no interval from one cluster, or from two on which scores depend.
     """
     names = list(scores)
     first = scores[names[0]]
-    C, N = int(first.cluster.max()) + 1, len(first.values)
-    if first.without is None:
-        samples, factor = _resampled(scores, C, seed), np.sqrt(C / max(C - 1, 1))
-    else:
-        samples = np.array([_jackknifed(one.values, one.cluster, one.without) for one in scores.values()])
-        factor = (C - 1) / np.sqrt(C) if C > 2 else np.nan
-    spread = Spread(float(factor), freedom=max(C - 1.0, 1.0))
+    sizes = np.bincount(first.cluster)
+    C, known = len(sizes), len(sizes) > (1 if first.without is None else 2)
+    samples = np.array([_jackknifed(one, C) for one in scores.values()])
+    spread = Spread(float((C - 1) / np.sqrt(C) if known else np.nan), freedom=freedom_of(sizes))
     attributes = {"long_name": of.long_name, "units": of.units}
     place = names.index(reference)
     result = with_intervals(name, samples, ("model",), place, attributes, spread, limits=of.limits)
-    return result.assign_coords(model=np.array(names, dtype=np.str_)).assign_attrs(taps=N, reference=reference)
+    return result.assign_coords(model=np.array(names, dtype=np.str_)).assign_attrs(
+        taps=len(first.values), reference=reference, clusters=C, freedom=spread.freedom
+    )
 
 
-def _resampled(scores: Mapping[str, TapScores], clusters: int, seed: int) -> NDArray[np.float64]:
-    """Mean score and its resamples, shape (models, 1 + RESAMPLES)."""
-    C, first = clusters, next(iter(scores.values()))
-    size = np.bincount(first.cluster, minlength=C)
-    drawn_times = generator(seed, Purpose.CLUSTERS).multinomial(C, np.full(C, 1 / C), size=RESAMPLES).astype(np.float64)
-    weights = np.concatenate([np.ones((1, C)), drawn_times])
-    sums = np.array([np.bincount(one.cluster, one.values, minlength=C) for one in scores.values()])
-    return (sums @ weights.T) / (weights @ size)
-
-
-def _jackknifed(values: NDArray[np.float64], cluster: NDArray[np.intp], without: Any) -> list[float]:
+def _jackknifed(scores: TapScores, clusters: int) -> list[float]:
     """Mean score, and behind it that without each cluster, shape (1 + C,)."""
-    return [values.mean(), *(left[cluster != c].mean() for c, left in enumerate(without.T))]
+    values, cluster, without = scores
+    left = (values if without is None else without[:, c] for c in range(clusters))
+    return [values.mean(), *(one[cluster != c].mean() if clusters > 1 else np.nan for c, one in enumerate(left))]

@@ -279,14 +279,19 @@ def spread(table: TapTable, *, noise: float | None = None, thinned: bool = False
     taps, sizes, total = taps_per_class(table.pool), session_sizes(table), int(table.pool.count.sum())
     sessions = len(sizes)
     if sessions > 1:
-        alike = float(sizes.sum() ** 2 / (sizes**2).sum())  # so many sessions of one size are worth as much (Kish 1965)
-        freedom = max(1.0, alike - 1)
+        freedom = freedom_of(sizes)
         few = too_few(taps, sessions=sessions, freedom=freedom)
         return Spread((sessions - 1.0) ** 0.5, few, total, noise, freedom, sessions)
     # n of n draws with replacement vary less than the quantity itself, by n - 1 over n.
     factor = np.nan if taps == 1 else (1 / LEFT_OUT if thinned else taps / (taps - 1)) ** 0.5
     times, freedom = uncaught(table, factor)
     return Spread(float(factor * times**0.5), too_few(taps, freedom=freedom), total, noise, freedom)
+
+
+def freedom_of(sizes: NDArray[np.intp]) -> float:
+    """Degrees of freedom of a variance between groups of these numbers of taps, shape (G,)."""
+    alike = float(sizes.sum() ** 2 / (sizes**2).sum())  # so many groups of one size are worth as much (Kish 1965)
+    return max(1.0, alike - 1)
 
 
 def resamples_in_words(sessions: int, thinned: bool = True) -> str:

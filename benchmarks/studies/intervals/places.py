@@ -94,7 +94,7 @@ def levels(design: Design, seed: int) -> NDArray[np.float64]:
 def taps_of(level: NDArray[np.float64], session: int, generator: np.random.Generator) -> TapSet:
     """Taps of all classes around their levels, with noise that the samples of a tap share in part."""
     where, what = (a.ravel() for a in np.indices((*level.shape[:2], _TAPS))[:2])
-    shared, own = (generator.normal(size=(len(where), samples, _TAXELS)) for samples in (1, _SAMPLES))
+    shared, own = (generator.normal(size=(len(where), samples, level.shape[-1])) for samples in (1, _SAMPLES))
     names = [f"object {m}" for m in range(level.shape[1])]
     return TapSet.from_arrays(
         level[where, what][:, None] + 0.6 * shared + 0.8 * own,
@@ -125,7 +125,7 @@ def measured(design: Design, number: int) -> _Found:
     found, kinds = {}, score_kinds(design.unit, grid, in_bins=True)
     for kind, named in scores.items():
         whole = {name: join_scores(parts) for name, parts in named.items()}
-        means = mean_scores(whole, MODELS[0], kind, seed, kinds[kind])
+        means = mean_scores(whole, MODELS[0], kind, kinds[kind])
         for end, names in (("", MODELS), ("_difference", MODELS[1:])):
             ends = [means[f"{kind}{end}{bound}"].sel(model=list(names)).values for bound in ("", "_low", "_high")]
             found[f"{kind}{end}"] = np.stack(ends, axis=-1)

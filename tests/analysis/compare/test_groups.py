@@ -4,9 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import xarray as xr
 from scipy import stats
 from scipy.special import logsumexp
 from solidtouch.analysis.compare.groups import folds_of, said, scorer
+from solidtouch.analysis.compare.left_out import _cautions
 from solidtouch.analysis.compare.taps import TapScores, mean_scores
 from solidtouch.models.measurement.draws import integrated
 from solidtouch.models.measurement.registry import fit_model
@@ -172,14 +174,34 @@ def test_intervals_of_places_leave_each_out_as_tap_and_as_what_was_trained():
     generator = np.random.default_rng(0)
     cluster = np.repeat(np.arange(4), 5)
     values, without = generator.normal(size=20), generator.normal(size=(20, 4))
-    means = mean_scores({"a": TapScores(values, cluster, without)}, "a", "x", 0)
+    means = mean_scores({"a": TapScores(values, cluster, without)}, "a", "x")
     left = [without[cluster != c, c].mean() for c in range(4)]
     half = stats.t.ppf(0.975, 3) * np.sqrt(3 / 4 * np.square(left - np.mean(left)).sum())
 
     assert means["x"].item() == pytest.approx(values.mean())
     assert (means["x_high"] - means["x_low"]).item() / 2 == pytest.approx(half)
-    two = mean_scores({"a": TapScores(values, cluster // 2, without[:, :2])}, "a", "x", 0)
+    two = mean_scores({"a": TapScores(values, cluster // 2, without[:, :2])}, "a", "x")
     assert np.isnan(two["x_low"]).all()
+
+
+@pytest.mark.parametrize(
+    ("unit", "drawn", "clusters", "freedom", "said"),
+    [
+        ("session", "class", 8, 7.0, "do not cover another session"),
+        ("session", "session", 2, 1.0, "Too few test sessions, 2, to estimate"),
+        ("session", "session", 9, 1.4, "Too few test sessions, 9 of unequal sizes, to estimate"),
+        ("session", "session", 5, 4.0, None),
+        ("position", "position", 3, 2.0, None),
+    ],
+)
+def test_what_intervals_of_sessions_do_not_cover_is_said(unit, drawn, clusters, freedom, said):
+    """One session tells nothing of others, and a few little; folds of positions have no such sentence."""
+    means = xr.Dataset(attrs={"unit": unit, "drawn": drawn, "clusters": clusters, "freedom": freedom})
+    cautions = _cautions(means)
+
+    assert len(cautions) == (said is not None)
+    assert all(said in caution for caution in cautions)
+    assert _cautions(None) == []
 
 
 def test_a_model_of_all_positions_predicts_new_ones_by_their_own_likelihood():

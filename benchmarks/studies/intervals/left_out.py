@@ -1,0 +1,127 @@
+"""Coverage of the intervals of `compare` for log probabilities of taps of sessions left out.
+
+Each session shifts the levels of its taxels, alike in all classes, by a standard deviation; the noise of a sample has
+one of 1. Test sessions are drawn anew in every data set. Either models fitted to `TRAINED` sessions, the same in all
+data sets, predict them (truth: the mean over `MANY` sessions), or each session is left out in turn and predicted by
+models fitted to the others (truth: the mean of all data sets). Beside them the intervals with the taps of a session and
+class as units.
+
+`--document docs/explanation/intervals.md` updates the table of that page.
+"""
+
+import argparse
+from collections.abc import Iterator
+from functools import cache, partial
+from typing import Any
+
+import numpy as np
+from solidtouch.analysis.compare.groups import folds_of, scorer
+from solidtouch.analysis.compare.taps import TapScores, join_scores, mean_scores
+from solidtouch.models import seeds
+from solidtouch.models.measurement.model import Fitted
+from solidtouch.models.measurement.registry import fit_model
+from solidtouch.models.settings import FitSettings
+from solidtouch.models.taps import TapSet, concatenate
+
+from benchmarks.page import parsed, share_interval, table, write_block
+from benchmarks.studies.intervals.coverage import Seen, coverage, seen
+from benchmarks.studies.intervals.places import taps_of
+from benchmarks.study import processes, write_json
+
+M, TAXELS, TRAINED, MANY = 6, 8, 6, 1000
+SESSIONS, APART = (2, 3, 5, 10), (0.0, 1.0)
+MODELS = ("gaussian", "session:gaussian")
+QUANTITIES = {
+    "gaussian": (MODELS[0], "integrated"),
+    "session:gaussian": (MODELS[1], "integrated"),
+    "difference": (MODELS[1], "integrated_difference"),
+}
+FIXED, REFITTED = "TEST from TRAIN", "each in turn"
+BLOCK = "left-out-sessions"
+_SETTINGS = FitSettings(power="none", bins=60, edges=np.linspace(-15, 15, 61))  # bins that all data sets share
+_LEVEL = 2 * np.random.default_rng(0).normal(size=(1, M, TAXELS))
+
+
+def draw(sessions: int, apart: float, seed: int, first: int = 0) -> TapSet:
+    """Taps of new sessions, numbered from `first`."""
+    generator = seeds.generator(seed, seeds.Purpose.STUDY, sessions, int(100 * apart))
+    shift = apart * generator.normal(size=(sessions, TAXELS))
+    return concatenate([taps_of(_LEVEL + one, first + s, generator) for s, one in enumerate(shift)])
+
+
+@cache
+def trained(apart: float) -> tuple[TapSet, dict[str, Fitted]]:
+    """Training taps, the same for all data sets, and what is fitted to them."""
+    train = draw(TRAINED, apart, 0)
+    return train, {name: fit_model(name, train, train.grid(), _SETTINGS) for name in MODELS}
+
+
+def measured(how: str, sessions: int, apart: float, seed: int) -> dict[tuple[str, bool], Seen]:
+    """Each quantity in one data set with its interval, by whether units are sessions and classes."""
+    if how == FIXED:
+        train, test, most = trained(apart)[0], draw(sessions, apart, seed, first=TRAINED), 1
+    else:
+        whole, most = draw(sessions, apart, seed), sessions
+        train, test = (whole.select((whole.session == 0) == first) for first in (True, False))
+    grid = train.grid()
+    folds, _ = folds_of("session", train, test, grid, most, one_recording=True)
+    score, parts = scorer("session", folds, grid, seed), {name: [] for name in MODELS}
+    for fold in folds:
+        for name in MODELS:
+            fitted = trained(apart)[1][name] if how == FIXED else fit_model(name, fold.train, grid, _SETTINGS)
+            parts[name].append(score(fitted, fold.test, 1.0)["integrated"])
+    scores = {name: join_scores(of) for name, of in parts.items()}
+    own = np.concatenate([fold.test.indices(grid)[1] for fold in folds])
+    split = {name: TapScores(one.values, one.cluster * M + own) for name, one in scores.items()}
+    found = {}
+    for classes, units in ((False, scores), (True, split)):
+        means = mean_scores(units, MODELS[0], "integrated")
+        found |= {(key, classes): seen(means.sel(model=m), name) for key, (m, name) in QUANTITIES.items()}
+    return found
+
+
+def run(data_sets: int, seed: int) -> Iterator[tuple[Any, ...]]:
+    """How sessions are left out, how far they are apart, how many, a quantity, units, and its coverage."""
+    own = [seeds.derived_seed(seed, seeds.Purpose.STUDY, number) for number in range(data_sets)]
+    with processes() as workers:
+        for how in (FIXED, REFITTED):
+            for apart in APART:
+                truth = workers.submit(measured, how, MANY, apart, seed) if how == FIXED else None
+                for sessions in SESSIONS if how == FIXED else SESSIONS[1:]:
+                    sets = list(workers.map(partial(measured, how, sessions, apart), own, chunksize=10))
+                    for key in sets[0]:
+                        values = [one[key] for one in sets]
+                        right = truth.result()[key].value if truth else float(np.mean([one.value for one in values]))
+                        yield how, apart, sessions, *key, coverage(values, right)
+
+
+def document(rows: list[tuple[Any, ...]]) -> str:
+    """The table of the page: a row for each quantity, coverages by the number of sessions."""
+    cells: dict[tuple[Any, ...], dict[Any, str]] = {}
+    for how, apart, sessions, quantity, classes, found in rows:
+        cell = cells.setdefault((how, f"{apart:g}", quantity), {})
+        cell[sessions, classes] = share_interval(found.hits, found.n)
+    heads = [f"covers, {sessions} sessions" for sessions in SESSIONS]
+    columns = [*((sessions, False) for sessions in SESSIONS), (5, True)]
+    return table(
+        ["left out", "sd", "log probability", *heads, "5 sessions, units of session and class"],
+        [[*key, *(cell.get(column, "–") for column in columns)] for key, cell in cells.items()],
+    )
+
+
+def main() -> None:
+    """Measures and writes."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--data-sets", type=int, default=200, help="number of data sets")
+    parser.add_argument("--seed", type=int, default=0, help="random seed")
+    options = parsed(parser, BLOCK)
+    rows = []
+    for row in run(options.data_sets, options.seed):
+        rows.append(row)
+        print(*row, flush=True)
+    write_json("intervals-left-out", rows)
+    write_block(options.document, BLOCK, document(rows))
+
+
+if __name__ == "__main__":
+    main()
