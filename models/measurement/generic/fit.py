@@ -118,7 +118,7 @@ def posterior(fit: Fit, method: str) -> GuidePosterior | ChainPosterior:
         InputError: The model fails, its density is nowhere finite, or there are too many latent variables for
             `laplace`.
     """
-    with _running(fit):
+    with running(fit):
         if method == "nuts":
             return _chains(fit)
         if method == "laplace":
@@ -127,7 +127,7 @@ def posterior(fit: Fit, method: str) -> GuidePosterior | ChainPosterior:
 
 
 @contextmanager
-def _running(fit: Fit) -> Iterator[None]:
+def running(fit: Fit) -> Iterator[None]:
     """Runs a user's function in double precision; what it raises becomes a sentence."""
     with jax.enable_x64(True), numpyro.validation_enabled(False):
         try:
@@ -139,7 +139,7 @@ def _running(fit: Fit) -> Iterator[None]:
 
 
 def _check_size(fit: Fit) -> None:
-    latents: Any = jax.eval_shape(lambda: _latents(fit))
+    latents: Any = jax.eval_shape(lambda: latents_from_prior(fit))
     size = sum(values.size for values in latents.values())
     if size > _MOST_CURVED:
         raise InputError(
@@ -148,7 +148,7 @@ def _check_size(fit: Fit) -> None:
         )
 
 
-def _latents(fit: Fit) -> dict[str, Any]:
+def latents_from_prior(fit: Fit) -> dict[str, Any]:
     """Latent variables from the prior."""
     sites = trace(seed(fit.run, 0)).get_trace(fit.samples)
     return {name: sites[name]["value"] for name in fit.names}
@@ -350,7 +350,7 @@ def check_prior(fit: Fit) -> str:
         return site["fn"].log_prob(site["value"]), made.mean(), made.std()
 
     outside, predicted = np.ones(len(fit.samples), dtype=bool), []
-    with _running(fit):
+    with running(fit):
         data = fit.data
         for number in range(_TRIES):
             density, *moments = looked_at(jax.numpy.asarray(number), data)

@@ -92,14 +92,18 @@ def log_probability(
     batch = program.of(*(jnp.broadcast_to(index, copies) for index in (where, what)))
     if session is not None:
         batch = replace(batch, session=np.arange(copies))
-    censored = _censored(program, given, batch, one, counted)
-    if not program.structure.enumerated:
-        return jnp.asarray(log_density(_observed(censored), (), {}, {})[0])
+    return density_of_taps(program.structure, _censored(program, given, batch, one, counted))
+
+
+def density_of_taps(structure: Structure, story: Any) -> jax.Array:
+    """Log density of taps under a handler of the model at given latent variables, discrete ones summed out."""
+    if not structure.enumerated:
+        return jnp.asarray(log_density(_observed(story), (), {}, {})[0])
     from numpyro.contrib.funsor import config_enumerate, enum
     from numpyro.contrib.funsor import log_density as summed
 
-    kept = {OBSERVED, *program.structure.enumerated}
-    local = block(censored, hide_fn=lambda site: site["type"] == "sample" and site["name"] not in kept)
+    kept = {OBSERVED, *structure.enumerated}
+    local = block(story, hide_fn=lambda site: site["type"] == "sample" and site["name"] not in kept)
     return jnp.asarray(summed(enum(config_enumerate(local), first_available_dim=-8), (), {}, {})[0])
 
 

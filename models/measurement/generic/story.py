@@ -77,6 +77,7 @@ class GenericStory:
                 out of range.
         """
         from .fit import Fit, check_prior, posterior
+        from .influence import check_sessions
         from .known import known_classes
         from .runs import Program
         from .sessions import InNewSessions
@@ -96,7 +97,7 @@ class GenericStory:
             refuse_missing(self.function.name, known.samples)
         samples, present = filled(scaling.scaled(known).samples)
         fit = Fit(self.function, structure, full, samples, settings.seed, settings.steps, progress, present)
-        warning = check_prior(fit)
+        warning = f"{check_sessions(fit)} {check_prior(fit)}".strip()
         found: Posterior = posterior(fit, "svi" if settings.method == "closed" else settings.method)
         program, parameters = Program(self.function, structure, batch, len(numbers)), found.point()
         kept["covered"] = known_classes(program, parameters, kept["covered"])

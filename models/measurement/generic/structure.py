@@ -143,7 +143,7 @@ def _traced(story: StoryFunction, batch: StoryCall, n: int) -> _Traced:
 
     def observed(taps: Any, where: Any, what: Any) -> tuple[Any, list[Any]]:
         made = replace(batch, where=where, what=what)
-        sites = trace(substitute(seed(story, 0), substitute_fn=_feasible)).get_trace(made, taps)
+        sites = trace(substitute(seed(story, 0), substitute_fn=feasible)).get_trace(made, taps)
         site = _observed(story, sites, batch.shape, n)
         seen.update(sites=sites, measure=measure_of(site["fn"]), alike=_is_alike(site))
         return site["value"], jax.tree.leaves(site["fn"])
@@ -163,7 +163,7 @@ def _traced(story: StoryFunction, batch: StoryCall, n: int) -> _Traced:
     return _Traced(swapped=_is_swapped(story, np.asarray(value), probe), looks_back=_looks_back(program), **seen)
 
 
-def _feasible(site: dict[str, Any]) -> Any:
+def feasible(site: dict[str, Any]) -> Any:
     """Value of a continuous latent variable that its support allows."""
     if site["type"] != "sample" or site["is_observed"] or site["name"] == OBSERVED or site["fn"].support.is_discrete:
         return None
@@ -225,7 +225,7 @@ def _check_drawn(story: StoryFunction, batch: StoryCall, shape: tuple[int, ...])
     """Refuses a model that draws no taps of the shape that it observes."""
 
     def drawn() -> Any:
-        sites = trace(substitute(seed(story, 0), substitute_fn=_feasible)).get_trace(batch)
+        sites = trace(substitute(seed(story, 0), substitute_fn=feasible)).get_trace(batch)
         return sites.get(OBSERVED, {"value": None})["value"]
 
     try:

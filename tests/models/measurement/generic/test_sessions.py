@@ -14,7 +14,7 @@ from solidtouch.models.errors import InputError
 from solidtouch.models.io.model_file import load_model
 from solidtouch.models.measurement.draws import drawn, replicated_bins
 from solidtouch.models.measurement.generic import fit as fits
-from solidtouch.models.measurement.generic import sessions
+from solidtouch.models.measurement.generic import influence, sessions
 from solidtouch.models.measurement.generic.contract import StoryCall, StoryFunction
 from solidtouch.models.measurement.generic.session_draws import some_episodes
 from solidtouch.models.measurement.generic.story import at_prior
@@ -86,6 +86,7 @@ def fitted(make_taps, monkeypatch):
         found = fits.GuidePosterior(latents, lambda _: latents, fits.Convergence(True, "Set by hand.", {}))
         monkeypatch.setattr(fits, "posterior", lambda *_: found)
         monkeypatch.setattr(fits, "check_prior", lambda _: "")
+        monkeypatch.setattr(influence, "check_sessions", lambda _: "")
         story = moved_by(shift_of, samples)
         settings = FitSettings(bins=9, power="none", method="map")
         return taps, fit_model(model_name(story), taps, taps.grid(), settings), story
