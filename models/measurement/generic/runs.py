@@ -113,7 +113,7 @@ def _censored(program: Program, given: Given, batch: StoryCall, taps: Binned, co
 
 
 def _observed(story: Any) -> Any:
-    return block(story, hide_fn=lambda site: site["name"] != OBSERVED)
+    return block(story, hide_fn=lambda site: site.get("name") != OBSERVED)  # scans have none
 
 
 def _and_last(values: Any) -> jax.Array:
