@@ -40,9 +40,9 @@ class _Known(Messenger):
         super().__init__(story)
 
     def process_message(self, msg: dict[str, Any]) -> None:
-        name = msg["name"]
-        if msg["type"] != "sample" or name not in self._latents:
+        if msg["type"] != "sample" or msg["name"] not in self._latents:
             return
+        name = msg["name"]
         values = jnp.asarray(self._latents[name])
         if name in self._axes:
             axis = self._axes[name]

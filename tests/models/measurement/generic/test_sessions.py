@@ -16,6 +16,7 @@ from solidtouch.models.measurement.draws import drawn, replicated_bins
 from solidtouch.models.measurement.generic import fit as fits
 from solidtouch.models.measurement.generic import influence, sessions
 from solidtouch.models.measurement.generic.contract import StoryCall, StoryFunction
+from solidtouch.models.measurement.generic.runs import Program
 from solidtouch.models.measurement.generic.session_draws import some_episodes
 from solidtouch.models.measurement.generic.story import at_prior
 from solidtouch.models.measurement.generic.structure import structure_of
@@ -340,6 +341,23 @@ def test_what_belongs_to_sessions_is_found():
     assert structure(independent).by_session == {"shift": 0}
     assert structure(walk).by_session == {"step": 0}
     assert structure(trend).by_session == {}
+
+
+def test_a_new_session_is_drawn_beside_a_scan():
+    """Whose latent variable has a value for each time."""
+
+    def story(where, what, taps=None, *, J, K, session):
+        shift = shifts(int(session.max()) + 1)[session][:, None, None]
+        _, walk = scan(lambda at, _: (numpyro.sample("step", dist.Normal(at, 1.0)),) * 2, 0.0, None, length=J)
+        with numpyro.plate("tap", len(where), dim=-3), numpyro.plate("J", J, dim=-2), numpyro.plate("K", K, dim=-1):
+            numpyro.sample("taps", dist.Normal(shift + walk[:, None], 1.0), obs=taps)
+
+    function = StoryFunction.of(story, "story")
+    program = Program(function, structure_of(function, BATCH, S), BATCH, S)
+    known = {"shift": np.arange(3.0), "step": np.array([0.5, -0.5])}
+    new = sessions.with_new_session(program, known, np.random.default_rng(0), {"shift": np.array([0.975])})
+    np.testing.assert_allclose(new["shift"], [0, 1, 2, 2 * stats.norm.ppf(0.975)], rtol=1e-6)
+    np.testing.assert_array_equal(new["step"], known["step"])
 
 
 def test_sessions_drawn_from_a_prior_follow_each_other():
