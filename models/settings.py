@@ -160,8 +160,8 @@ class FitSettings(Checked, frozen=True, kw_only=True):
             of each chain, two thirds of which adapt the sampler. `None` for 4000, and 750 of chains.
         integrate: Number of draws from the posterior over which decisions are integrated; 0 decides at one value.
         unconverged: Whether a fit that did not converge may be used.
-        gain_sd: Session models: standard deviation of the log gain between sessions; `None` to estimate it from the
-            training taps.
+        gain_sd: Session models: standard deviation of the log gain (about 0) between sessions; `None` to estimate it
+            from the training taps.
         offset_sd: Session models: standard deviation of the offset between sessions, likewise.
         seed: Random seed of fits that draw random numbers.
     """

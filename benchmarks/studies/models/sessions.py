@@ -20,6 +20,7 @@ from solidtouch.inference.filter import log_fold
 from solidtouch.models.grid import ClassGrid
 from solidtouch.models.measurement.model import TapModel
 from solidtouch.models.measurement.registry import fit_model
+from solidtouch.models.measurement.shared_gain import session_spread
 from solidtouch.models.seeds import data_set_seed
 from solidtouch.models.settings import FitSettings
 from solidtouch.models.taps import TapSet, concatenate
@@ -107,7 +108,7 @@ def compare(name: str, rig: RigSettings, pair: Pair, seed: int) -> Result:
         for power, exponent in zip(POWERS, (1 / test.preprocessing.samples, exponents[model_name]), strict=True):
             each = [score(exponent * sums + model.log_prior, where, what, grid.M) for sums, where, what in played]
             scores[f"{power}, {model_name}"] = {key: [one[key] for one in each] for key in SCORES}
-        gain_sd = float(np.log(model.states.gain.max()) / 2)  # the grid reaches to two standard deviations
+        gain_sd = session_spread(train, grid, model.edges).gain_sd
     return Result(name, pair.name, seed, scores, exponents, gain_sd)
 
 

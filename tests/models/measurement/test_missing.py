@@ -224,8 +224,8 @@ def test_taps_without_samples_are_as_no_taps(taps):
         found, expected = (fit_model(name, each, taps.grid(), settings).model for each in (lacking, rest))
         np.testing.assert_allclose(found.log_likelihood(rest.taps), expected.log_likelihood(rest.taps), rtol=rtol)
 
-    whole, few = session_spread(taps, taps.grid(), settings.edges), missing(taps, np.s_[::3, 1, 0])
-    np.testing.assert_allclose(session_spread(few, taps.grid(), settings.edges), whole, rtol=0.5)
+    whole, few = session_spread(taps, taps.grid(), settings.edges)[:2], missing(taps, np.s_[::3, 1, 0])
+    np.testing.assert_allclose(session_spread(few, taps.grid(), settings.edges)[:2], whole, rtol=0.5)
 
 
 def test_the_law_of_left_out_taps_holds(random_holes):

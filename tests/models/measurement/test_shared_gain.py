@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from solidtouch.models.errors import InputError
 from solidtouch.models.measurement.registry import fit_model
-from solidtouch.models.measurement.shared_gain import session_spread, state_grid
+from solidtouch.models.measurement.shared_gain import GAINS, OFFSETS, SessionSpread, session_spread, state_grid
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.settings import FitSettings
 from solidtouch.models.taps import TapSet
@@ -75,7 +75,7 @@ def test_planted_spreads_are_recovered(sessions, noise):
     """Over 40 sessions, within a third, also where a tap is as much noise as signal."""
     rng = np.random.default_rng(3)
     gains, offsets = np.exp(0.08 * rng.normal(size=40)), 0.5 * rng.normal(size=40)
-    gain_sd, offset_sd = session_spread(sessions(gains, offsets, noise), sessions(gains, offsets).grid(), EDGES)
+    gain_sd, offset_sd, *_ = session_spread(sessions(gains, offsets, noise), sessions(gains, offsets).grid(), EDGES)
 
     assert gain_sd == pytest.approx(0.08, rel=0.34)
     assert offset_sd == pytest.approx(0.5, rel=0.34)
@@ -107,7 +107,7 @@ def test_a_single_session_has_spreads_that_stand_in(sessions):
     single = sessions([1.3, 1.0], [0.0, 1.0], repeats=1)
 
     for taps in (one, apart, single):
-        assert session_spread(taps, two.grid(), EDGES) == pytest.approx((0.05, 0.25))
+        assert session_spread(taps, two.grid(), EDGES)[:2] == pytest.approx((0.05, 0.25))
 
 
 def test_constant_taps_have_an_offset_and_no_gain(sessions):
@@ -115,20 +115,108 @@ def test_constant_taps_have_an_offset_and_no_gain(sessions):
     taps = sessions([1.0, 1.0], [0.0, 0.0])
     dataset = taps.dataset.copy(deep=True)
     dataset["taps"][:] = np.where(taps.session == 0, 4.0, 5.0)[:, None, None]
-    gain_sd, offset_sd = session_spread(TapSet(dataset), taps.grid(), EDGES)
+    gain_sd, offset_sd, *_ = session_spread(TapSet(dataset), taps.grid(), EDGES)
 
     assert gain_sd == 0
     assert offset_sd == pytest.approx(np.sqrt(0.5))
 
 
 def test_the_model_takes_the_spread_of_its_training_sessions(sessions):
-    """Unless it is given one."""
+    """Unless it is given one; one alone is completed by what agrees with the sessions."""
     taps = sessions([1.1, 0.9, 1.0], [0.3, -0.3, 0.0])
-    gain_sd, offset_sd = session_spread(taps, taps.grid(), EDGES)
-    found = fit_model("session:gaussian", taps, taps.grid(), FitSettings(edges=EDGES)).model.states
-    given = fit_model("session", taps, taps.grid(), FitSettings(edges=EDGES, gain_sd=0.2, offset_sd=0.0)).model.states
+    spread = session_spread(taps, taps.grid(), EDGES)
 
-    assert np.log(found.gain).max() == pytest.approx(2 * gain_sd)
-    assert found.offset.max() == pytest.approx(2 * offset_sd)
-    assert np.log(given.gain).max() == pytest.approx(0.4)
-    assert (given.offset == 0).all()
+    def states(**given):
+        return fit_model("session:gaussian", taps, taps.grid(), FitSettings(edges=EDGES, **given)).model.states
+
+    for found, expected in zip(states(), spread.states(), strict=True):
+        np.testing.assert_array_equal(found, expected)
+    for found, expected in zip(states(gain_sd=0.2, offset_sd=0.0), state_grid(0.2, 0.0), strict=True):
+        np.testing.assert_array_equal(found, expected)
+    assert np.log(states(offset_sd=0.0).gain).max() == pytest.approx(2 * spread.about_zero(None, 0.0)[0])
+    assert states(gain_sd=0.0).offset.max() == pytest.approx(2 * spread.offset_sd)
+
+
+# The level about which gains are
+
+
+def test_the_zero_point_of_samples_does_not_matter(sessions):
+    """Taps and edges moved by 1000 have the same likelihoods, with three sessions and with one."""
+    for gains, offsets in (([1.1, 0.9, 1.0], [0.3, -0.3, 0.1]), ([1.0], [0.0])):
+        taps = sessions(gains, offsets)
+        moved = TapSet(taps.dataset.assign(taps=taps.dataset["taps"] + 1000))
+        one, other = (
+            fit_model("session", each, taps.grid(), FitSettings(edges=edges)).model.log_likelihood(each.taps)
+            for each, edges in ((taps, EDGES), (moved, EDGES + 1000))
+        )
+
+        np.testing.assert_allclose(one, other, rtol=1e-9)
+
+
+def test_alike_sessions_have_small_offsets_far_from_zero(sessions):
+    """Sampling errors of gain and offset, which cancel at the mean level, are not taken for differences."""
+    found = [
+        session_spread(taps := sessions([1.0] * 5, [100.0] * 5, 3.0, seed=seed), taps.grid(), EDGES + 100)
+        for seed in range(6)
+    ]
+
+    # The mean of 540 taps of 30 samples with deviation 3 has an error of 0.05.
+    assert np.mean([one.offset_sd for one in found]) < 0.05
+    assert np.mean([one.gain_sd for one in found]) < 0.02
+
+
+def test_gains_about_zero_are_found_far_from_it(sessions):
+    """They move the mean level with the gain, and their states have hardly an offset."""
+    gains = np.exp(0.08 * np.random.default_rng(3).normal(size=20))
+    taps = sessions([1.0] * 20, [50.0] * 20)
+    moved = TapSet(taps.dataset.assign(taps=taps.dataset["taps"] * gains[taps.session][:, None, None]))
+    spread = session_spread(moved, taps.grid(), EDGES + 50)
+    states = spread.states()
+
+    assert spread.gain_sd == pytest.approx(0.08, rel=0.34)
+    assert spread.correlation > 0.95
+    assert np.abs(states.offset).max() < 0.05 * spread.level * np.ptp(states.gain)
+    assert spread.about_zero(None, 0.0)[0] == pytest.approx(spread.gain_sd, rel=0.05)
+    assert spread.about_zero(spread.gain_sd, None)[1] < 0.4 * spread.offset_sd
+
+
+def test_two_sessions_say_nothing_of_a_correlation(sessions):
+    """Two points are on a line whatever they are."""
+    taps = sessions([1.1, 0.9], [0.5, -0.5])
+
+    assert session_spread(taps, taps.grid(), EDGES).correlation == 0
+
+
+def test_samples_of_a_tap_need_not_be_independent(sessions):
+    """An error that all samples of a tap share is no offset of the session."""
+    found = []
+    for seed in range(6):
+        taps = sessions([1.0] * 5, [0.0] * 5, seed=seed)
+        shared = 3 * np.random.default_rng(seed).normal(size=(len(taps), 1, 1))
+        together = TapSet(taps.dataset.assign(taps=taps.dataset["taps"] + shared))
+        found.append(session_spread(together, taps.grid(), EDGES).offset_sd)
+
+    # Means of 108 taps with deviation 3 have one of 0.29.
+    assert np.mean(found) < 0.2
+
+
+@pytest.mark.parametrize(("offset_sd", "correlation", "fewest"), [(0.5, 0.6, 7), (4.0, 0.99, 21)])
+def test_states_have_the_covariance_of_sessions(offset_sd, correlation, fewest):
+    """About the mean level, as closely as the grid has it; a short axis gives its points to the other."""
+    spread = SessionSpread(0.1, offset_sd, correlation, 20.0, 5.0, sessions=10000)
+    states = spread.states()
+    found = np.stack([np.log(states.gain), states.offset + 20 * (states.gain - 1)])
+    covariance = found * np.exp(states.log_prior) @ found.T
+
+    assert len(states.gain) == GAINS * OFFSETS
+    assert len(np.unique(found[1].round(9))) >= fewest
+    assert np.exp(states.log_prior).sum() == pytest.approx(1.0)
+    np.testing.assert_allclose(covariance, spread.covariance, rtol=0.25)
+
+
+def test_few_sessions_have_wider_states():
+    """As Student's t distribution has, which is normal with many sessions."""
+    few, many = (np.log(SessionSpread(0.1, 0.0, sessions=n).states().gain).max() for n in (3, 10000))
+
+    assert few > 0.4
+    assert many == pytest.approx(0.25, rel=1e-3)
