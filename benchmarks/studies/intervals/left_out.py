@@ -9,7 +9,6 @@ class as units.
 `--document docs/explanation/intervals.md` updates the table of that page.
 """
 
-import argparse
 from collections.abc import Iterator
 from functools import cache, partial
 from typing import Any
@@ -23,10 +22,11 @@ from solidtouch.models.measurement.registry import fit_model
 from solidtouch.models.settings import FitSettings
 from solidtouch.models.taps import TapSet, concatenate
 
-from benchmarks.page import parsed, share_interval, table, write_block
+from benchmarks.page import share_interval, table
 from benchmarks.studies.intervals.coverage import Seen, coverage, seen
 from benchmarks.studies.intervals.places import taps_of
-from benchmarks.study import processes, write_json
+from benchmarks.studies.intervals.sessions import measure_and_write
+from benchmarks.study import processes
 
 M, TAXELS, TRAINED, MANY = 6, 8, 6, 1000
 SESSIONS, APART = (2, 3, 5, 10), (0.0, 1.0)
@@ -111,16 +111,7 @@ def document(rows: list[tuple[Any, ...]]) -> str:
 
 def main() -> None:
     """Measures and writes."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--data-sets", type=int, default=200, help="number of data sets")
-    parser.add_argument("--seed", type=int, default=0, help="random seed")
-    options = parsed(parser, BLOCK)
-    rows = []
-    for row in run(options.data_sets, options.seed):
-        rows.append(row)
-        print(*row, flush=True)
-    write_json("intervals-left-out", rows)
-    write_block(options.document, BLOCK, document(rows))
+    measure_and_write(__doc__, BLOCK, "intervals-left-out", run, document)
 
 
 if __name__ == "__main__":

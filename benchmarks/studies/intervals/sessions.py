@@ -9,7 +9,7 @@ taps of all sessions say stands beside it.
 """
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from typing import Any
 
@@ -97,18 +97,29 @@ def document(rows: list[tuple[Any, ...]]) -> str:
     return table(["sd", "quantity", "truth", f"trials that mix {max(SESSIONS)} sessions", *heads], list(cells.values()))
 
 
-def main() -> None:
-    """Measures and writes."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def measure_and_write(
+    description: str | None,
+    block: str,
+    name: str,
+    run: Callable[[int, int], Iterable[tuple[Any, ...]]],
+    document: Callable[[list[tuple[Any, ...]]], str],
+) -> None:
+    """A study as the command line says: its rows, into a file of that name and a block of a page."""
+    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--data-sets", type=int, default=200, help="number of data sets")
     parser.add_argument("--seed", type=int, default=0, help="random seed")
-    options = parsed(parser, BLOCK)
+    options = parsed(parser, block)
     rows = []
     for row in run(options.data_sets, options.seed):
         rows.append(row)
         print(*row, flush=True)
-    write_json("intervals-sessions", rows)
-    write_block(options.document, BLOCK, document(rows))
+    write_json(name, rows)
+    write_block(options.document, block, document(rows))
+
+
+def main() -> None:
+    """Measures and writes."""
+    measure_and_write(__doc__, BLOCK, "intervals-sessions", run, document)
 
 
 if __name__ == "__main__":
