@@ -214,9 +214,8 @@ def drawn_table(model: TapModel, table: TapTable, generator: np.random.Generator
     count = pool.count.ravel()
     session, where, what = (np.repeat(index.ravel(), count) for index in np.indices(pool.count.shape))
     form, prepared = model.form, model.prepared
-    if isinstance(form, TableForm) and isinstance(
-        prepared, PreparedTable
-    ):  # samples would only be put into the same bins again
+    # Samples of a table would only be put into the same bins again.
+    if isinstance(form, TableForm) and isinstance(prepared, PreparedTable):
         hypothesis = _hypotheses(model, what, session, generator)
         bins = form.sample_bins(where, hypothesis, model.preprocessing.samples, generator)
         log_likelihood = prepared.of_bins(bins, model.exponent)
