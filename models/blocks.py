@@ -127,10 +127,15 @@ class JoinedSamples(_LazySamples):
         part_of, found = np.searchsorted(self.ends, index, side="right"), []
         for number, part in enumerate(self.parts):
             rows = index[part_of == number] - (self.ends[number] - len(part))
-            run = slice(rows[0], rows[-1] + 1) if len(rows) and (np.diff(rows) == 1).all() else rows
-            found.append(np.asarray(part[(run, *rest)]))
+            found.append(np.asarray(part[(_run(rows), *rest)]))
         order = np.argsort(part_of, kind="stable")
         return np.concatenate(found).astype(self.dtype, copy=False)[np.argsort(order, kind="stable")]
+
+
+def _run(index: NDArray[np.intp]) -> NDArray[np.intp] | slice:
+    """Indices as a slice if they are one, which files read faster."""
+    whole = len(index) and (np.diff(index) == 1).all()
+    return slice(int(index[0]), int(index[-1]) + 1) if whole else index
 
 
 def joined_samples(parts: Sequence[Variable]) -> Variable:
@@ -145,8 +150,23 @@ class TaredSamples(_LazySamples):
         self.samples, self.first, self.shape, self.dtype = samples, first, samples.shape, np.dtype(dtype)
 
     def _read(self, index: NDArray[np.intp], rest: Sequence[Any]) -> NDArray[Any]:
-        run = slice(index[0], index[-1] + 1) if len(index) and (np.diff(index) == 1).all() else index
-        return tared(np.asarray(self.samples[run]).astype(self.dtype, copy=False), self.first)[:, *rest]
+        return tared(np.asarray(self.samples[_run(index)]).astype(self.dtype, copy=False), self.first)[:, *rest]
+
+
+class MovedSamples(_LazySamples):
+    """Samples in double precision, those of each tap multiplied by its gain and then shifted by its offset."""
+
+    dtype = np.dtype(np.float64)
+
+    def __init__(self, samples: Variable, gain: NDArray[np.float64], offset: NDArray[np.float64]) -> None:
+        self.samples, self.gain, self.offset, self.shape = samples, gain, offset, samples.shape
+
+    def _read(self, index: NDArray[np.intp], rest: Sequence[Any]) -> NDArray[Any]:
+        run = _run(index)
+        block = np.asarray(self.samples[run]).astype(self.dtype)
+        block *= self.gain[run, None, None]
+        block += self.offset[run, None, None]
+        return block[:, *rest]
 
 
 def tared(samples: NDArray[Any], first: int) -> NDArray[Any]:

@@ -33,7 +33,15 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from . import storage
-from .blocks import ScaledSamples, extreme_samples, joined_samples, over_blocks, tap_digests, write_in_blocks
+from .blocks import (
+    MovedSamples,
+    ScaledSamples,
+    extreme_samples,
+    joined_samples,
+    over_blocks,
+    tap_digests,
+    write_in_blocks,
+)
 from .errors import InputError, check_numbers
 from .grid import ClassGrid, group, parse_length, values_from_names
 from .preprocessing import Preprocessing
@@ -295,6 +303,16 @@ class TapSet:
         if index.dtype.kind not in "iu" or not ((-len(self) <= index) & (index < len(self))).all():
             raise InputError(f"Taps are selected by a mask or by indices from 0 to {len(self) - 1}.")
         return type(self)(self.dataset.isel(tap=index), None if self.scanned is None else self.scanned[index])
+
+    def moved(self, gain: NDArray[np.float64], offset: NDArray[np.float64]) -> Self:
+        """The same taps, each multiplied by a gain and then shifted by an offset, both of shape (N,)."""
+        samples = MovedSamples(self.samples, gain, offset)
+        if self.scanned is None:
+            return type(self)(self.dataset.assign(taps=samples.variable(self.samples).load()))
+        return type(self)(
+            self.dataset.assign(taps=samples.variable(self.samples)),
+            self.scanned * gain[:, None, None] + offset[:, None, None],
+        )
 
     def grid(self, where_cell: str | None = None, what_cell: str | None = None) -> ClassGrid:
         """Class grid of the tables, optionally grouped into cells, or with finer positions.

@@ -141,7 +141,7 @@ def row(name: str) -> "Row":
     return import_module(".shared_gain", __package__).ROW if in_states else measurement_model(kind).row
 
 
-def check_states(name: str, taps: "TapSet", grid: "ClassGrid") -> None:
+def check_states(name: str, taps: "TapSet", grid: "ClassGrid") -> bool:
     """Checks that a name with `session:` is that of a model without latent variables of sessions.
 
     Args:
@@ -149,16 +149,23 @@ def check_states(name: str, taps: "TapSet", grid: "ClassGrid") -> None:
         taps: Training taps.
         grid: The classes.
 
+    Returns:
+        Whether samples of the model may be any real numbers, so that taps can be moved.
+
     Raises:
         InputError: The model has some, or is unknown.
     """
     kind, in_states = split_name(name)
-    story: Any = measurement_model(kind) if in_states and kind not in KINDS else None
-    if own := story and story.sessions_of(taps, grid):
+    if not in_states or kind in KINDS:
+        return True
+    story: Any = measurement_model(kind)
+    structure = story.structure(taps, grid)
+    if own := structure.by_session:
         raise InputError(
             f"{kind} has latent variables of sessions ({', '.join(own)}), which take the place of session:; name it "
             "without."
         )
+    return not structure.bounded
 
 
 def fit_model(
@@ -184,8 +191,12 @@ def fit_model(
         NotConvergedError: The fit did not converge, and `unconverged` is not set.
     """
     kind, in_states = split_name(name)
-    check_states(name, taps, grid)
+    at_rest = check_states(name, taps, grid)
     settings = _checked(settings, taps)
+    shared = None
+    if in_states:
+        shared = import_module(".shared_gain", __package__).SharedGain.of(taps, grid, settings, at_rest)
+        taps, settings = shared.taps, settings.changed(edges=shared.edges)
     with one_blas_thread():
         fitted = measurement_model(kind).fit(taps, grid, settings, trained_on, progress)
     if not (fitted.convergence.converged or settings.unconverged):
@@ -197,10 +208,7 @@ def fit_model(
     fitted = fitted._replace(model=replace(fitted.model, missing=taps.missing, seed=settings.seed))
     if settings.integrate:
         fitted = fitted.integrated(settings.integrate, settings.seed)
-    if not in_states:
-        return fitted
-    session = import_module(".shared_gain", __package__)
-    return session.with_shared_gain(fitted, taps, grid, settings.gain_sd, settings.offset_sd)
+    return fitted if shared is None else shared.behind(fitted)
 
 
 def takes_steps(kind: str, settings: "FitSettings") -> bool:

@@ -4,6 +4,7 @@ Nobody knows at test time what the gain of the sensor is that day. It is one of 
 where and what: the belief is carried over (where, what, state), and decisions take the sum over states (see `states`).
 """
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -13,8 +14,10 @@ from scipy.special import ndtr, stdtrit
 
 from ..errors import InputError
 from ..grid import ClassGrid
+from ..settings import FitSettings
 from ..taps import TapSet
 from .fits.priors import Taps
+from .likelihood.bins import bin_edges
 from .model import Fitted, Row
 from .scaling import Moments
 from .states import States
@@ -39,6 +42,8 @@ class SessionSpread(NamedTuple):
         level: Mean level of the training taps.
         contrast: Standard deviation of the mean taps of the classes around `level`; what a gain acts on.
         sessions: Number of sessions from which this was estimated; 0 for the stand-in, which has no correlation.
+        own: Log gain and offset at `level` of the training sessions, relative to their mean, by their numbers; as
+            expected given their lines, the sampling errors of these and this spread.
     """
 
     gain_sd: float
@@ -47,6 +52,7 @@ class SessionSpread(NamedTuple):
     level: float = 0.0
     contrast: float = 1.0
     sessions: int = 0
+    own: Mapping[int, NDArray[np.float64]] = {}
 
     @property
     def covariance(self) -> NDArray[np.float64]:
@@ -68,60 +74,145 @@ class SessionSpread(NamedTuple):
             offset_sd = _root(self.offset_sd**2 - (self.level * gain_sd) ** 2)
         return (self.gain_sd if gain_sd is None else gain_sd), (self.offset_sd if offset_sd is None else offset_sd)
 
-    def states(self) -> States:
-        """Grid along the principal axes of gain and offset, the first of which moves samples most.
+    def layout(self) -> "Layout":
+        """Where states lie, along the principal axes of gain and offset, of which the first moves samples most.
 
         As many states as the grid of `state_grid` has, all on the first axis where the other one is much shorter. The
-        normal grid is mapped to quantiles of Student's t distribution, as few sessions may show too small a spread. The
-        stand-in for unknown differences is `state_grid` about `level`.
+        normal grid is mapped to quantiles of Student's t distribution, that of a session beside those known. The
+        stand-in for unknown differences has independent gains and offsets.
         """
         if not self.sessions:
-            plain = state_grid(self.gain_sd, self.offset_sd)
-            return plain._replace(offset=plain.offset + self.level * (1 - plain.gain))
-        unit, covariance = np.array([self.contrast, 1.0]), self.covariance
-        variance, axes = np.linalg.eigh(covariance * np.outer(unit, unit))
+            return Layout.independent(self.gain_sd, self.offset_sd)
+        unit = np.array([self.contrast, 1.0])
+        variance, axes = np.linalg.eigh(self.covariance * np.outer(unit, unit))
         sd, axes = np.sqrt(np.maximum(variance[::-1], 0)), axes[:, ::-1] / unit[:, None]
         if sd[1] < _SHORT * sd[0]:
             z = _grid(_points(GAINS * OFFSETS, sd[0], _FAR), np.zeros(1))
         else:
             z = _grid(_points(GAINS, sd[0]), _points(OFFSETS, sd[1]))
-        log_prior, z = _log_prior(z), stdtrit(self.sessions, ndtr(z))
-        log_gain, offset = np.where(axes[0] < 0, -1, 1) * axes * sd @ z
+        quantiles = np.sqrt(1 + 1 / self.sessions) * stdtrit(max(self.sessions - 1, 1), ndtr(z))
+        return Layout(np.where(axes[0] < 0, -1, 1) * axes * sd, quantiles, _log_prior(z))
+
+    def states(self, layout: "Layout") -> States:
+        """States of a layout."""
+        log_gain, offset = layout.axes @ layout.z
         log_gain = np.clip(log_gain, np.log(_LEAST_GAIN), -np.log(_LEAST_GAIN))
+        covariance = self.covariance
         slope = covariance[0, 1] / covariance[0, 0] if covariance[0, 0] else 0.0
         gain = np.exp(log_gain)
         # A pure gain about another level moves this one by slope (gain - 1), to first order slope log(gain).
         offset += slope * (gain - 1 - log_gain) + self.level * (1 - gain)
-        return States(gain, offset, log_prior)
+        return States(gain, offset, layout.log_prior)
+
+    def at_rest(self, taps: TapSet, layout: "Layout") -> TapSet:
+        """Training taps without those differences between their sessions that states hold.
+
+        Args:
+            taps: The taps; those of sessions without a line stay as they are.
+            layout: Where the states lie. Differences within their spacing stay in the samples, so the model behind
+                holds them.
+        """
+        part = layout.held(self)
+        numbers, index = np.unique(taps.session, return_inverse=True)
+        log_gain, offset = np.array([part @ self.own.get(int(number), np.zeros(2)) for number in numbers]).T
+        gain = np.exp(log_gain)
+        shift = offset + self.level * (1 - gain)  # a tap z was gain z + shift
+        return taps.moved(1 / gain[index], -(shift / gain)[index])
 
 
-def with_shared_gain(
-    fitted: Fitted, taps: TapSet, grid: ClassGrid, gain_sd: float | None, offset_sd: float | None
-) -> Fitted:
-    """Fitted model with gains and offsets that all taps of an episode share.
+class Layout(NamedTuple):
+    """Points of a grid along two directions of gains and offsets.
 
-    Args:
-        fitted: Any fit.
-        taps: Its training taps.
-        grid: The classes.
-        gain_sd: Standard deviation of the log gain between sessions; `None` to take it from the training taps. If this
-            or `offset_sd` is given, gain and offset are independent and those of the samples as they are.
-        offset_sd: Standard deviation of the offset between sessions, likewise.
-
-    Raises:
-        InputError: A standard deviation is negative or not finite.
+    Attributes:
+        axes: Log gain and offset at the mean level for a standard deviation along each direction, shape (2, 2).
+        z: Points in standard deviations, shape (2, S).
+        log_prior: Logs of their probabilities, shape (S,).
     """
-    model: Any = fitted.model  # every kind is a dataclass
-    spread = session_spread(taps, grid, model.edges)
-    if gain_sd is None and offset_sd is None:
-        states, level = spread.states(), spread.level
-    else:
-        states, level = state_grid(*spread.about_zero(gain_sd, offset_sd)), 0.0
-    moved = states.offset + level * (states.gain - 1)
-    sentence = f"{fitted.convergence.sentence} States: {len(states.gain)}, gains {states.gain.min():.3g} to "
-    sentence += f"{states.gain.max():.3g} and offsets {moved.min():.2g} to {moved.max():.2g} at level {level:.3g}."
-    convergence = fitted.convergence._replace(sentence=sentence)
-    return fitted._replace(model=replace(model, states=states), convergence=convergence)
+
+    axes: NDArray[np.float64]
+    z: NDArray[np.float64]
+    log_prior: NDArray[np.float64]
+
+    @classmethod
+    def independent(cls, gain_sd: float, offset_sd: float, level: float = 0.0) -> "Layout":
+        """That of gains about a point `level` below the mean level and of independent offsets."""
+        z = _grid(_points(GAINS, gain_sd), _points(OFFSETS, offset_sd))
+        return cls(np.array([[gain_sd, 0.0], [level * gain_sd, offset_sd]]), z, _log_prior(z))
+
+    def held(self, spread: SessionSpread) -> NDArray[np.float64]:
+        """Matrix from log gain and offset at the mean level to that part of them which states hold, shape (2, 2).
+
+        That is the projection on the directions with several points, least squares of what samples move, each shortened
+        such that the rest has the variance of a uniform draw from the distance of neighbouring points.
+        """
+        unit, part = np.array([spread.contrast, 1.0]), np.zeros((2, 2))
+        points = [np.unique(z) for z in self.z]
+        axes = self.axes * [len(each) > 1 for each in points]
+        coefficients = np.linalg.pinv(axes * unit[:, None]) * unit
+        sd = np.sqrt(np.maximum(np.diag(coefficients @ spread.covariance @ coefficients.T), 0))
+        for axis, each, row, known in zip(axes.T, points, coefficients, sd, strict=True):
+            if len(each) > 1 and known > 0:
+                part += np.outer(axis, row) * max(0.0, 1 - np.diff(each).min() / np.sqrt(12) / known)
+        return part
+
+
+class SharedGain(NamedTuple):
+    """Gains and offsets of training taps that a model is to have states for.
+
+    Attributes:
+        states: The states.
+        taps: Training taps for the model behind.
+        edges: Edges of its bins, those of the taps as they were recorded unless they are given.
+        training: Digests of the taps as they were recorded.
+        level: Level at which offsets are told.
+    """
+
+    states: States
+    taps: TapSet
+    edges: NDArray[np.float64]
+    training: NDArray[np.uint64]
+    level: float
+
+    @classmethod
+    def of(cls, taps: TapSet, grid: ClassGrid, settings: FitSettings, at_rest: bool = True) -> "SharedGain":
+        """States for training taps.
+
+        Args:
+            taps: Training taps.
+            grid: The classes.
+            settings: Standard deviations of log gain and offset between sessions, where they are given; gain and offset
+                are independent then and those of the samples as they are.
+            at_rest: Whether the model behind is fitted to taps without the differences that states hold.
+
+        Raises:
+            InputError: No tap belongs to a class.
+        """
+        where, what = taps.indices(grid)
+        used = taps.select((where >= 0) & (what >= 0))
+        edges = settings.edges
+        edges = bin_edges(used.extremes, settings.bins, settings.value_range) if edges is None else edges
+        spread, given = session_spread(taps, grid, edges), (settings.gain_sd, settings.offset_sd)
+        if given == (None, None):
+            layout, level = spread.layout(), spread.level
+            states = spread.states(layout)
+        else:
+            both, level = spread.about_zero(*given), 0.0
+            states, layout = state_grid(*both), Layout.independent(*both, spread.level)
+        return cls(states, spread.at_rest(used, layout) if at_rest else used, edges, used.digests, level)
+
+    def behind(self, fitted: Fitted) -> Fitted:
+        """The model with these states, from the one behind."""
+        model: Any = fitted.model  # every kind is a dataclass
+        gain, offset, _ = self.states
+        moved = offset + self.level * (gain - 1)
+        sentence = (
+            f"{fitted.convergence.sentence} States: {len(gain)}, gains {gain.min():.3g} to {gain.max():.3g} and "
+            f"offsets {moved.min():.2g} to {moved.max():.2g} at level {self.level:.3g}."
+        )
+        convergence = fitted.convergence._replace(sentence=sentence)
+        return fitted._replace(
+            model=replace(model, states=self.states, training=self.training), convergence=convergence
+        )
 
 
 def state_grid(gain_sd: float, offset_sd: float, gains: int = GAINS, offsets: int = OFFSETS) -> States:
@@ -176,42 +267,50 @@ def session_spread(taps: TapSet, grid: ClassGrid, edges: NDArray[np.float64]) ->
     """
     where, what = taps.indices(grid)
     inside = (where >= 0) & (what >= 0)
-    numbers = np.unique(taps.session[inside])
-    lines: list[_Line] = []
-    for number in numbers if len(numbers) > 1 else ():
+    numbers, members = np.unique(taps.session[inside], return_counts=True)
+    lines: dict[int, _Line] = {}
+    for number in numbers.tolist() if len(numbers) > 1 else ():
         this, rest = (
             Taps(taps.select(part).doubles, where[part], what[part], grid.shape)
             for part in (np.flatnonzero(inside & (same == (taps.session == number))) for same in (True, False))
         )
         line = _line(this, Moments.of(rest))
         if line is not None:
-            lines.append(line)
+            lines[number] = line
     if not lines:
         part = np.flatnonzero(inside)
         every = Moments.of(Taps(taps.select(part).doubles, where[part], what[part], grid.shape))
         mean = every.mean[np.broadcast_to(every.samples > 0, every.mean.shape)]
         stand_in = _GAIN_SD, _OFFSET_BINS * float(np.diff(edges, axis=-1).mean())
         return SessionSpread(*stand_in, level=float(mean.mean()), contrast=float(mean.std()) or 1.0)
-    level = float(np.mean([line.level for line in lines]))
-    scatter = sum(line.scatter for line in lines) / max(sum(line.freedom for line in lines), 1)
-    found, error = np.zeros((2, 2)), np.zeros((2, 2))
-    for line in lines:
-        gain, offset = line.gain, line.offset + (line.gain - 1) * (level - line.level)
+    level = float(np.mean([line.level for line in lines.values()]))
+    scatter = sum(line.scatter for line in lines.values()) / max(sum(line.freedom for line in lines.values()), 1)
+    difference, error = {}, {}
+    for number, line in lines.items():
+        offset = line.offset + (line.gain - 1) * (level - line.level)
         moved = np.array([[1.0, 0.0], [level - line.level, 1.0]]) @ line.weights
-        difference = np.array([np.log(max(gain, _LEAST_GAIN)), offset])
-        found += np.outer(difference, difference) / len(lines)
-        error += moved @ scatter @ moved.T / len(lines)
+        difference[number] = np.array([np.log(max(line.gain, _LEAST_GAIN)), offset])
+        error[number] = moved @ scatter @ moved.T
     # A session differs from the mean of n - 1 others by more than from the truth.
-    found, error = ((1 - 1 / len(numbers)) * each for each in (found, error))
-    covariance, count = found - error, len(lines)
+    found, mean_error = (
+        (1 - 1 / len(numbers)) * sum(each) / len(lines)
+        for each in ((np.outer(one, one) for one in difference.values()), error.values())
+    )
+    covariance, count = found - mean_error, len(lines)
     # No sessions show that there is no difference at all.
-    sd = np.sqrt(np.maximum(np.diag(covariance), np.diag(error) / count))
+    sd = np.sqrt(np.maximum(np.diag(covariance), np.diag(mean_error) / count))
     correlation = float(np.clip(covariance[0, 1] / (sd.prod() or np.inf), -1, 1))
     # As adjusted for degrees of freedom: two sessions always lie on a line.
     shrunk = _root(1 - (1 - correlation**2) * (count - 1) / (count - 2)) if count > 2 else 0.0
     correlation = float(np.copysign(shrunk, correlation))
-    contrast = float(np.sqrt(np.mean([line.signal for line in lines]))) or 1.0
-    return SessionSpread(float(sd[0]), float(sd[1]), correlation, level, contrast, count)
+    contrast = float(np.sqrt(np.mean([line.signal for line in lines.values()]))) or 1.0
+    spread = SessionSpread(float(sd[0]), float(sd[1]), correlation, level, contrast, count)
+    own = {}
+    for number, share in zip(numbers.tolist(), 1 - members / members.sum(), strict=True):
+        if number in lines:  # the mean of all is nearer than that of the others
+            noisy = spread.covariance + share * error[number]
+            own[number] = spread.covariance @ np.linalg.pinv(noisy) @ (share * difference[number])
+    return spread._replace(own=own)
 
 
 class _Line(NamedTuple):

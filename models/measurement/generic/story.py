@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from ..likelihood.true_class import Own
     from .form import GenericForm
     from .runs import Program
+    from .structure import Structure
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,8 +52,8 @@ class GenericStory:
         """Its own first sentence."""
         return Row("as its author says", self.function.sentence)
 
-    def sessions_of(self, taps: "TapSet", grid: "ClassGrid") -> tuple[str, ...]:
-        """Names of its latent variables of sessions.
+    def structure(self, taps: "TapSet", grid: "ClassGrid") -> "Structure":
+        """What it consists of for taps of this kind.
 
         Raises:
             InputError: The function does not keep the contract or fails.
@@ -60,7 +61,7 @@ class GenericStory:
         from .structure import structure_of
 
         batch = batch_of(grid, taps.preprocessing, taps.dataset.sizes["taxel"])
-        return tuple(structure_of(self.function, batch, len(np.unique(taps.session))).by_session)
+        return structure_of(self.function, batch, len(np.unique(taps.session)))
 
     def fit(
         self,

@@ -22,7 +22,7 @@ from numpyro.handlers import seed, substitute, trace
 from ...errors import InputError
 from ..fits.present import layers, peeled
 from .contract import StoryCall, StoryFunction
-from .interval import CENSORED
+from .interval import CENSORED, is_bounded
 from .observed import elementwise, measure_of
 
 OBSERVED = "taps"
@@ -42,6 +42,7 @@ class Structure(NamedTuple):
         enumerated: Names of the discrete latent variables of single taps, which are summed over.
         by_session: Axis of sessions of the latent variables that have one, by name.
         family: Name of the distribution of the samples.
+        bounded: Whether it excludes some real numbers.
     """
 
     dims: dict[str, tuple[str, ...]]
@@ -52,6 +53,7 @@ class Structure(NamedTuple):
     enumerated: tuple[str, ...]
     by_session: dict[str, int]
     family: str = "distribution"
+    bounded: bool = False
 
 
 def structure_of(story: StoryFunction, batch: StoryCall, sessions: int = 1) -> Structure:
@@ -89,6 +91,7 @@ def structure_of(story: StoryFunction, batch: StoryCall, sessions: int = 1) -> S
         tuple(enumerated),
         _session_axes(story, batch, kept, more.sites, sessions),
         _family(more.sites[OBSERVED]["fn"]),
+        is_bounded(more.sites[OBSERVED]["fn"]),
     )
 
 
