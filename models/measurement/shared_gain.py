@@ -60,6 +60,11 @@ class SessionSpread(NamedTuple):
         sd = np.array([self.gain_sd, self.offset_sd])
         return np.outer(sd, sd) * [[1, self.correlation], [self.correlation, 1]]
 
+    @property
+    def unit(self) -> NDArray[np.float64]:
+        """How far a log gain of 1 and an offset of 1 move samples, shape (2,)."""
+        return np.array([self.contrast, 1.0])
+
     def about_zero(self, gain_sd: float | None, offset_sd: float | None) -> tuple[float, float]:
         """Standard deviations of independent gains and offsets of the samples as they are.
 
@@ -83,7 +88,7 @@ class SessionSpread(NamedTuple):
         """
         if not self.sessions:
             return Layout.independent(self.gain_sd, self.offset_sd)
-        unit = np.array([self.contrast, 1.0])
+        unit = self.unit
         variance, axes = np.linalg.eigh(self.covariance * np.outer(unit, unit))
         sd, axes = np.sqrt(np.maximum(variance[::-1], 0)), axes[:, ::-1] / unit[:, None]
         if sd[1] < _SHORT * sd[0]:
@@ -134,9 +139,11 @@ class Layout(NamedTuple):
     log_prior: NDArray[np.float64]
 
     @classmethod
-    def independent(cls, gain_sd: float, offset_sd: float, level: float = 0.0) -> "Layout":
+    def independent(
+        cls, gain_sd: float, offset_sd: float, level: float = 0.0, gains: int = GAINS, offsets: int = OFFSETS
+    ) -> "Layout":
         """That of gains about a point `level` below the mean level and of independent offsets."""
-        z = _grid(_points(GAINS, gain_sd), _points(OFFSETS, offset_sd))
+        z = _grid(_points(gains, gain_sd), _points(offsets, offset_sd))
         return cls(np.array([[gain_sd, 0.0], [level * gain_sd, offset_sd]]), z, _log_prior(z))
 
     def held(self, spread: SessionSpread) -> NDArray[np.float64]:
@@ -145,7 +152,7 @@ class Layout(NamedTuple):
         That is the projection on the directions with several points, least squares of what samples move, each shortened
         such that the rest has the variance of a uniform draw from the distance of neighbouring points.
         """
-        unit, part = np.array([spread.contrast, 1.0]), np.zeros((2, 2))
+        unit, part = spread.unit, np.zeros((2, 2))
         points = [np.unique(z) for z in self.z]
         axes = self.axes * [len(each) > 1 for each in points]
         coefficients = np.linalg.pinv(axes * unit[:, None]) * unit
@@ -232,8 +239,9 @@ def state_grid(gain_sd: float, offset_sd: float, gains: int = GAINS, offsets: in
             f"gain_sd and offset_sd must not be negative, got {gain_sd} and {offset_sd}; gains and offsets must be at "
             f"least 1, got {gains} and {offsets}."
         )
-    z = _grid(_points(gains, gain_sd), _points(offsets, offset_sd))
-    return States(np.exp(z[0] * gain_sd), z[1] * offset_sd, _log_prior(z))
+    axes, z, log_prior = Layout.independent(gain_sd, offset_sd, gains=gains, offsets=offsets)
+    log_gain, offset = axes @ z
+    return States(np.exp(log_gain), offset, log_prior)
 
 
 def _points(number: int, sd: float, reach: float = _REACH) -> NDArray[np.float64]:
@@ -305,11 +313,11 @@ def session_spread(taps: TapSet, grid: ClassGrid, edges: NDArray[np.float64]) ->
     correlation = float(np.copysign(shrunk, correlation))
     contrast = float(np.sqrt(np.mean([line.signal for line in lines.values()]))) or 1.0
     spread = SessionSpread(float(sd[0]), float(sd[1]), correlation, level, contrast, count)
-    own = {}
+    own, unit = {}, spread.unit
     for number, share in zip(numbers.tolist(), 1 - members / members.sum(), strict=True):
         if number in lines:  # the mean of all is nearer than that of the others
-            noisy = spread.covariance + share * error[number]
-            own[number] = spread.covariance @ np.linalg.pinv(noisy) @ (share * difference[number])
+            noisy = unit * (spread.covariance + share * error[number]) * unit[:, None]
+            own[number] = spread.covariance @ (unit * (np.linalg.pinv(noisy) @ (unit * share * difference[number])))
     return spread._replace(own=own)
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from solidtouch.models import storage
 from solidtouch.models.errors import InputError
 from solidtouch.models.measurement.registry import fit_model
 from solidtouch.models.measurement.shared_gain import GAINS, OFFSETS, SessionSpread, session_spread, state_grid
@@ -220,3 +221,95 @@ def test_few_sessions_have_wider_states():
 
     assert few > 10
     assert many == pytest.approx(2.5, rel=1e-3)
+
+
+# The model behind
+
+
+def noise_of(name, taps, **settings):
+    """Mean standard deviation of samples of a class and time, in the unit of the samples."""
+    model = fit_model(name, taps, taps.grid(), FitSettings(edges=EDGES, **settings)).model
+    return float((np.sqrt(model.parameters["variance"]) * model.scaling.unit).mean())
+
+
+@pytest.fixture(scope="module")
+def apart(sessions):
+    """Eight sessions whose gains and offsets differ much more than their taps."""
+    rng = np.random.default_rng(5)
+    return sessions(np.exp(0.2 * rng.normal(size=8)), 2 * rng.normal(size=8))
+
+
+def test_variances_are_those_within_sessions(apart):
+    """But for what the distance of states leaves of the differences."""
+    within = np.mean([noise_of("profile", apart.select(apart.session == number)) for number in range(8)])
+    pooled = noise_of("profile", apart)
+
+    assert pooled > 4 * within
+    assert within < noise_of("session:profile", apart) < within + 0.3 * (pooled - within)
+
+
+def test_what_states_do_not_hold_stays_in_the_model_behind(sessions):
+    """Offsets stay without states for offsets, gains without states for gains."""
+    offsets = sessions([1.0] * 6, [-2.0, 2.0, -1.0, 1.0, 0.5, -0.5])
+    gains = sessions(np.exp([-0.4, 0.4, -0.2, 0.2, 0.1, -0.1]), [0.0] * 6)
+
+    for taps, without, enough in ((offsets, {"offset_sd": 0.0}, {"gain_sd": 0.0}), (gains, {"gain_sd": 0.0}, {})):
+        left = noise_of("session:profile", taps, **without)
+        assert left > 0.8 * noise_of("profile", taps)
+        assert noise_of("session:profile", taps, **enough) < 0.8 * left
+
+
+def test_sessions_of_unequal_size_come_to_rest_at_one_level(sessions):
+    """Whatever their sizes, differences between them shrink alike."""
+    taps = sessions([1.0] * 4, [3.0, 0.0, 1.0, -3.0], repeats=20)
+    taps = taps.select((taps.session == 0) | (taps.trial % (7 * L * M) < L * M))
+    spread = session_spread(taps, taps.grid(), EDGES)
+    rest = spread.at_rest(taps, spread.layout())
+    before, after = (np.ptp([each.taps[each.session == s].mean() for s in range(4)]) for each in (taps, rest))
+
+    assert len(taps.select(taps.session == 0)) > 5 * len(taps.select(taps.session == 1))
+    assert after < 0.25 * before
+
+
+def test_alike_sessions_hardly_move(sessions):
+    """By less than the errors of their means; a single session not at all."""
+    alike, single = sessions([1.0] * 5, [0.0] * 5), sessions([1.0], [0.0])
+    spread = session_spread(alike, alike.grid(), EDGES)
+
+    np.testing.assert_allclose(spread.at_rest(alike, spread.layout()).taps, alike.taps, atol=0.3 / np.sqrt(N * L * M))
+    assert spread.own.keys() == set(range(5))
+    assert noise_of("session:profile", single) == noise_of("profile", single)
+
+
+def test_the_unit_of_samples_does_not_matter(apart):
+    """Taps and edges times 1000 have the same likelihoods."""
+    larger = TapSet(apart.dataset.assign(taps=1000 * apart.dataset["taps"]))
+    one, other = (
+        fit_model("session", taps, taps.grid(), FitSettings(edges=edges)).model.log_likelihood(taps.taps)
+        for taps, edges in ((apart, EDGES), (larger, 1000 * EDGES))
+    )
+
+    np.testing.assert_allclose(one, other, rtol=1e-9)
+
+
+def test_default_bins_and_digests_are_those_of_the_taps_as_recorded(apart):
+    """So other models have the same bins, and taps that trained are known."""
+    grid = apart.grid()
+    plain, fitted = (fit_model(name, apart, grid, FitSettings()).model for name in ("histogram", "session"))
+
+    np.testing.assert_array_equal(fitted.edges, plain.edges)
+    assert fitted.trained_with(apart) == len(apart)
+
+
+def test_large_recordings_have_the_same_model(apart, tmp_path, monkeypatch):
+    """Samples that stay on disk are moved block by block."""
+    apart.save(tmp_path / "taps.nc")
+    monkeypatch.setattr(storage, "ON_DISK", 1000)
+    large = TapSet.load(tmp_path / "taps.nc")
+    one, other = (
+        fit_model("session:gaussian", taps, taps.grid(), FitSettings(edges=EDGES)).model.log_likelihood(apart.taps[:5])
+        for taps in (apart, large)
+    )
+
+    assert large.scanned is not None
+    np.testing.assert_allclose(one, other, rtol=1e-9)

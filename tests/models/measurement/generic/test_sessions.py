@@ -276,7 +276,21 @@ def test_a_session_has_no_gain_beside_what_it_has_already(make_taps, monkeypatch
 
     with pytest.raises(InputError, match=r"story has latent variables of sessions \(shift\), which take the place of"):
         fit_model(f"session:{model_name(moved_by(shifts))}", taps, taps.grid(), FitSettings(bins=9, method="map"))
-    check_states(f"session:{model_name(moved_by(trend))}", taps, taps.grid())
+    assert check_states(f"session:{model_name(moved_by(trend))}", taps, taps.grid())
+
+
+def test_bounded_samples_are_not_moved(make_taps):
+    """Counts would become fractions, and positive samples negative."""
+
+    def counts(where, what, taps=None, *, M, J, K):
+        with numpyro.plate("M", M, dim=-2), numpyro.plate("K", K, dim=-1):
+            rate = numpyro.sample("rate", dist.Gamma(2.0, 1.0))
+        with numpyro.plate("tap", len(where), dim=-3), numpyro.plate("J", J, dim=-2), numpyro.plate("taxel", K, dim=-1):
+            numpyro.sample("taps", dist.Poisson(rate[what][:, None]), obs=taps)
+
+    taps = make_taps(L, M, J, K, repeats=2)
+
+    assert not check_states(f"session:{model_name(counts)}", taps, taps.grid())
 
 
 def fixed(_):
