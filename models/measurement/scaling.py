@@ -95,6 +95,14 @@ class Moments(NamedTuple):
         mean = weighted(axis=2, keepdims=True)
         return number, mean, (self.square + count * (self.mean - mean) ** 2).sum(axis=2, keepdims=True)
 
+    def without(self, part: "Moments") -> Self:
+        """Moments of the other taps."""
+        count = self.samples - part.samples
+        mean = (self.samples * self.mean - part.samples * part.mean) / np.maximum(count, 1)
+        between = part.samples * count / np.maximum(self.samples, 1) * (part.mean - mean) ** 2
+        square = np.maximum(self.square - part.square - between, 0)
+        return type(self)(self.taps - part.taps, count, np.where(count > 0, mean, 0.0), square)
+
     @property
     def freedom(self) -> float:
         """Degrees of freedom within classes."""

@@ -276,18 +276,18 @@ def session_spread(taps: TapSet, grid: ClassGrid, edges: NDArray[np.float64]) ->
     where, what = taps.indices(grid)
     inside = (where >= 0) & (what >= 0)
     numbers, members = np.unique(taps.session[inside], return_counts=True)
+
+    def known(which: NDArray[np.bool_]) -> Taps:
+        part = np.flatnonzero(inside & which)
+        return Taps(taps.select(part).doubles, where[part], what[part], grid.shape)
+
+    every = Moments.of(known(inside))
     lines: dict[int, _Line] = {}
     for number in numbers.tolist() if len(numbers) > 1 else ():
-        this, rest = (
-            Taps(taps.select(part).doubles, where[part], what[part], grid.shape)
-            for part in (np.flatnonzero(inside & (same == (taps.session == number))) for same in (True, False))
-        )
-        line = _line(this, Moments.of(rest))
+        line = _line(known(taps.session == number), every)
         if line is not None:
             lines[number] = line
     if not lines:
-        part = np.flatnonzero(inside)
-        every = Moments.of(Taps(taps.select(part).doubles, where[part], what[part], grid.shape))
         mean = every.mean[np.broadcast_to(every.samples > 0, every.mean.shape)]
         stand_in = _GAIN_SD, _OFFSET_BINS * float(np.diff(edges, axis=-1).mean())
         return SessionSpread(*stand_in, level=float(mean.mean()), contrast=float(mean.std()) or 1.0)
@@ -343,9 +343,10 @@ class _Line(NamedTuple):
     freedom: float
 
 
-def _line(taps: Taps, others: Moments) -> _Line | None:
+def _line(taps: Taps, every: Moments) -> _Line | None:
     """Line of a session; `None` without a class in both, or with two taps in the others to tell noise by."""
     this = Moments.of(taps)
+    others = every.without(this)
     n, count = this.samples, others.samples
     used, freedom = (n > 0) & (count > 0), np.maximum(count - 1, 0).sum(axis=(0, 1)).mean()
     if not used.any() or not freedom:

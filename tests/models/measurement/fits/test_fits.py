@@ -57,6 +57,20 @@ def test_moments_are_those_of_each_class(rng):
     assert not moments.square[L].any()
 
 
+@pytest.mark.parametrize("missing", [False, True])
+def test_moments_without_some_taps_are_those_of_the_others(rng, missing):
+    """With missing samples, a class that only those have, one that only the others have, and one without a tap."""
+    taps = planted(rng, 4)._replace(shape=(L + 1, M))
+    if missing:
+        taps.samples[rng.random(taps.samples.shape) < 0.3] = np.nan
+    out = (taps.where * M + taps.what == 0) | (np.arange(len(taps.where)) % 4 == 1)
+    out &= taps.where * M + taps.what != 1
+    some, others = (Taps(*(part[which] for part in taps[:3]), taps.shape) for which in (out, ~out))
+
+    for found, expected in zip(Moments.of(taps).without(Moments.of(some)), Moments.of(others), strict=True):
+        np.testing.assert_allclose(*np.broadcast_arrays(found, expected), rtol=1e-10, atol=1e-12)
+
+
 def test_scaled_taps_have_unit_deviation_within_classes(rng):
     """Unless the bins are wider, and then the unit is that of a uniform draw from a bin."""
     taps = planted(rng, 40)
