@@ -53,6 +53,7 @@ studies: $(VENV)/.ready-run
 	@$(PY) -m benchmarks.studies.models.user_sbc --document docs/explanation/model-studies.md
 	@$(PY) -m benchmarks.studies.models.svi_rule --document docs/explanation/model-studies.md
 	@$(PY) -m benchmarks.studies.models.sessions --document docs/explanation/model-studies.md
+	@$(PY) -m benchmarks.studies.models.session_states --document docs/explanation/model-studies.md
 	@$(PY) -m benchmarks.studies.models.new_sessions --document docs/explanation/model-studies.md
 
 audit-studies: $(VENV)/.ready-run

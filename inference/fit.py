@@ -93,5 +93,10 @@ def check_used(model: str, settings: FitSettings) -> None:
             f"Method {settings.method!r} (--fit {settings.method}) is for functions; {kind} has a fast fit of its own, "
             "and nuts."
         )
+    if settings.device != "cpu" and not takes_steps(kind, settings):
+        raise InputError(
+            f"device {settings.device} (--device {settings.device}) is for functions and nuts (--fit nuts); {kind} has "
+            "a fast fit of its own."
+        )
     if settings.steps is not None and not takes_steps(kind, settings):
         raise InputError(f"steps (--steps) is for functions and nuts (--fit nuts), got {kind}.")

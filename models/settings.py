@@ -90,6 +90,7 @@ type ValueRange = Literal["global", "taxel"]
 type Border = Literal["uniform", "uniform_what", "prior", "clamp", "circular"]
 type Missing = Literal["refuse", "drop"]
 type Method = Literal["closed", "svi", "nuts", "map", "laplace"]
+type Device = Literal["cpu", "gpu"]
 _LARGEST = sys.float_info.max
 
 
@@ -158,6 +159,7 @@ class FitSettings(Checked, frozen=True, kw_only=True):
             the fast fit.
         steps: Maximum number of steps of the fit of a function, in whole runs of 800; of `"nuts"` the number of steps
             of each chain, two thirds of which adapt the sampler. `None` for 4000, and 750 of chains.
+        device: Where JAX computes fits of functions and chains.
         integrate: Number of draws from the posterior over which decisions are integrated; 0 decides at one value.
         unconverged: Whether a fit that did not converge may be used.
         gain_sd: Session models: standard deviation of the log gain (about 0) between sessions; `None` to estimate it
@@ -174,6 +176,7 @@ class FitSettings(Checked, frozen=True, kw_only=True):
     edges: Any = None
     method: Method = "closed"
     steps: Annotated[int, wanted("an integer of at least 50", ge=50)] | None = None
+    device: Device = "cpu"
     integrate: Annotated[int, wanted("an integer of at least 0", ge=0)] = 0
     unconverged: bool = False
     gain_sd: _Spread | None = None

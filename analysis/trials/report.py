@@ -1,6 +1,7 @@
 """Any number of trials on recorded taps: the function `solidtouch.trials` and its report."""
 
 from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import version
@@ -156,7 +157,8 @@ def trials(
     for line in filter(None, (sentence, lacking and f"Note: {lacking}")):
         note(line)
     check_device(device)
-    table = tap_table(fitted, tested)
+    with _computed_on(device):
+        table = tap_table(fitted, tested)
     if start is not None and not 0 <= start < grid.L:
         raise InputError(f"--start must be an index from 0 to {grid.L - 1}, got {start}.")
     point = check_fixation(play.fixation, grid.L)
@@ -186,6 +188,15 @@ def trials(
 
     report = partial(TrialsReport, spread=spread, model=fitted, thresholds=theta, about=about)
     return report(tally_trials(table, theta, number, device=device, progress=told, **rule))
+
+
+def _computed_on(device: str) -> AbstractContextManager[None]:
+    """Where JAX makes tables of functions; other models do without it."""
+    if device != "gpu":
+        return nullcontext()
+    from ...models.measurement.fits.device import on_device  # noqa: PLC0415 - JAX takes half a second to import
+
+    return on_device(device)
 
 
 def tally_dataset(tally: Tally, grid: ClassGrid, thresholds: ArrayLike, spread: TapSpread | None = None) -> xr.Dataset:

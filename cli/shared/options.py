@@ -130,6 +130,10 @@ Steps = Annotated[
         show_default=False,
     ),
 ]
+Device = Annotated[
+    Literal["cpu", "gpu"],
+    typer.Option("--device", help="Where functions of yours are fitted, and chains of any model run."),
+]
 Border = Annotated[
     Literal["uniform", "uniform_what", "prior", "clamp", "circular"],
     typer.Option("--border", help="How to treat belief shifted beyond the range."),
@@ -184,6 +188,7 @@ OPTIONS: dict[str, Any] = {
     "integrate": Integrate,
     "method": FitMethod,
     "steps": Steps,
+    "device": Device,
     "unconverged": AllowUnconverged,
     "threshold": Theta,
     "theta_x": ThetaX,
@@ -202,7 +207,7 @@ OPTIONS: dict[str, Any] = {
 """Default command-line options of the fields of settings records."""
 
 
-FITTING = "bins", "pseudocount", "power", "value_range", "integrate", "method", "steps"
+FITTING = "bins", "pseudocount", "power", "value_range", "integrate", "method", "steps", "device"
 CELLS = "where_cell", "what_cell"
 DIVIDED = *CELLS, "split", "train", "test"
 

@@ -14,7 +14,7 @@ import numpy as np
 from jax.scipy.special import logsumexp
 
 from ...models import seeds
-from ...models.errors import InputError
+from ...models.measurement.fits.device import jax_device
 from ..moves.holes import holes
 from ..reference import BORDERS
 from .records import Rule, TapTable, TrialPlan, Trials
@@ -158,18 +158,6 @@ class _Slot(NamedTuple):
     substituted: jax.Array
     decided: jax.Array
     record: _Record
-
-
-def jax_device(platform: str) -> Any:
-    """The first device of a platform.
-
-    Raises:
-        InputError: JAX finds none.
-    """
-    try:
-        return jax.devices(platform)[0]
-    except RuntimeError as error:
-        raise InputError("JAX finds no GPU; --device gpu requires one and a jax package built for it.") from error
 
 
 class ArrayPlayer:

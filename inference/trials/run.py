@@ -164,7 +164,7 @@ def check_device(device: str) -> None:
     if device not in ("cpu", "gpu", "xla-cpu"):
         raise InputError(f"device must be cpu, gpu or xla-cpu, got {device!r}.")
     if device == "gpu":
-        from .gpu import jax_device  # noqa: PLC0415 - JAX takes half a second to import
+        from ...models.measurement.fits.device import jax_device  # noqa: PLC0415 - JAX takes half a second to import
 
         jax_device(device)
 

@@ -8,6 +8,7 @@ imported when their model is asked for. Models of users are functions, see `gene
 import re
 from collections import Counter
 from collections.abc import Iterable
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from importlib import import_module
 from math import inf
@@ -197,7 +198,7 @@ def fit_model(
     if in_states:
         shared = import_module(".shared_gain", __package__).SharedGain.of(taps, grid, settings, at_rest)
         taps, settings = shared.taps, settings.changed(edges=shared.edges)
-    with one_blas_thread():
+    with one_blas_thread(), _on(settings, kind):
         fitted = measurement_model(kind).fit(taps, grid, settings, trained_on, progress)
     if not (fitted.convergence.converged or settings.unconverged):
         told = f"{fitted.convergence.sentence} {fitted.convergence.warning}".rstrip()
@@ -211,6 +212,13 @@ def fit_model(
     return fitted if shared is None else shared.behind(fitted)
 
 
+def _on(settings: "FitSettings", kind: str) -> AbstractContextManager[None]:
+    """The device of a fit; fast fits do without JAX."""
+    if not takes_steps(kind, settings):
+        return nullcontext()
+    return import_module(".fits.device", __package__).on_device(settings.device)
+
+
 def takes_steps(kind: str, settings: "FitSettings") -> bool:
     """Whether the number of steps of a fit can be set: for models of users, and for chains."""
     return kind not in KINDS or settings.method == "nuts"
@@ -218,7 +226,7 @@ def takes_steps(kind: str, settings: "FitSettings") -> bool:
 
 def suited(name: str, settings: "FitSettings") -> "FitSettings":
     """Settings of a study for one model: built-in models have their fast fit there, functions the method set."""
-    return settings.changed(method="closed") if split_name(name)[0] in KINDS else settings
+    return settings.changed(method="closed", device="cpu") if split_name(name)[0] in KINDS else settings
 
 
 def _checked(settings: "FitSettings", taps: "TapSet") -> "FitSettings":

@@ -5,12 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.stats import norm
 from solidtouch.hardware.simulator.settings import preset
 from solidtouch.models.measurement.registry import fit_model
 from solidtouch.models.settings import FitSettings
 
 from benchmarks.page import check_block, publish, write_block
-from benchmarks.studies.models import figures, plates, recovery, sbc, sessions
+from benchmarks.studies.models import figures, plates, recovery, sbc, session_states, sessions
 from benchmarks.study import until_interrupted
 
 ROOT = Path(__file__).parents[2]
@@ -239,6 +240,30 @@ def test_both_models_of_a_pair_are_compared_on_a_data_set(monkeypatch):
 # What all share ----------------------------------------------------------------------------------------------------
 
 
+def test_an_observer_integrates_over_gains_and_offsets(rng):
+    """As the densities of all samples say."""
+    level = rng.normal(size=(session_states.M, session_states.K))
+    taps = session_states.draw(rng, level, 3, 2, 0.3, 1.0)
+    found, log_prior = session_states.observed(taps, level, 0.3, 1.0, width=0.1)
+    gain, offset = np.exp(0.3 * 4.0), -4.0  # the first offset of the last gain
+    state = (len(session_states._POINTS) - 1) * len(session_states._POINTS)
+    expected = norm.logpdf(taps.taps, gain * level[2] + offset, gain).sum(axis=(1, 2)) + 6 * np.log(0.1)
+
+    assert_allclose(found[:, 0, state * session_states.M + 2], expected, rtol=1e-9)
+    assert_allclose(np.exp(log_prior).sum(), 1)
+
+
+@pytest.mark.slow
+def test_session_states_come_near_an_observer_who_knows_all():
+    """With ten training sessions, where a model without states is far off."""
+    found = [session_states.measured(3, 10, session_states.TRUTHS[2], number) for number in range(3)]
+
+    for one in found:
+        plain, states = (one.tap[name] - one.tap[session_states.KNOWN] for name in session_states.MODELS)
+        assert plain < -1
+        assert -0.5 < states < 0.05
+
+
 def test_a_block_of_a_page_is_replaced_and_nothing_else(tmp_path):
     page = tmp_path / "page.md"
     page.write_text("before\n<!-- begin a -->\nold\n<!-- end a -->\nafter\n", encoding="utf-8")
@@ -259,7 +284,8 @@ def test_an_interrupted_study_keeps_what_is_finished(capsys):
 
 def test_the_page_has_a_place_for_every_study():
     page = ROOT / "docs" / "explanation" / "model-studies.md"
-    for name in ("recovery", "own-recovery", "sbc", "user-sbc", "svi-rule", "new-sessions", "sessions"):
+    own = "own-recovery", "user-sbc", "svi-rule", "new-sessions"
+    for name in ("recovery", "sbc", "session-states", "sessions", *own):
         check_block(page, name)
 
 

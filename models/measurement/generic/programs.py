@@ -28,7 +28,7 @@ class compiled_once:  # noqa: N801 - a decorator
             # Without unused arguments the text would not tell which ones are used, nor their shapes.
             lowered = jax.jit(self._function, keep_unused=True).lower(*arguments)
             text = blake2b(lowered.as_text().encode()).digest()
-            key = text, lowered.in_tree, lowered.out_tree
+            key = text, lowered.in_tree, lowered.out_tree, jax.config.jax_default_device
             found = _KEPT.pop(key, None) or lowered.compile()
             _KEPT[key] = found
             while len(_KEPT) > _MOST:
