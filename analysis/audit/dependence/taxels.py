@@ -279,17 +279,26 @@ def _tables(values: Floats) -> _Prepared | None:
 
 
 @compiled
-def _put_masks(columns: NDArray[np.uint8], permutation: NDArray[np.int32], mask: NDArray[np.uint32]) -> None:
-    """Writes which permuted taps (K, P, n) are in each bin: bit i % 32 of word i // 32 of (K, S, bins, words, P)."""
+def _put_masks(
+    columns: NDArray[np.uint8], permutation: NDArray[np.int32], placed: NDArray[np.uint32], mask: NDArray[np.uint32]
+) -> None:
+    """Writes which permuted taps (K, P, n) are in each bin: bit i % 32 of word i // 32 of (K, S, bins, words, P).
+
+    The same of single taps, (n, words, P), is written to `placed` on the way.
+    """
     K, n, S = columns.shape
     mask[:] = 0
     for k in range(K):
+        placed[:] = 0
         for p in range(permutation.shape[1]):
             for i in range(n):
-                a = np.uint32(permutation[k, p, i])
-                w, bit = i // _WORD, np.uint32(1) << np.uint32(i % _WORD)
-                for s in range(S):
-                    mask[k, s, columns[k, a, s], w, p] |= bit
+                placed[np.uint32(permutation[k, p, i]), i // _WORD, p] = np.uint32(1) << np.uint32(i % _WORD)
+        for s in range(S):
+            for a in range(n):
+                one = mask[k, s, columns[k, a, s]]
+                for w in range(placed.shape[1]):
+                    for p in range(_SIDE_BY_SIDE):
+                        one[w, p] |= placed[a, w, p]
 
 
 @compiled
@@ -322,11 +331,12 @@ def _table_sums(
     words = (n + _WORD - 1) // _WORD
     # Room for an odd number of words, as masks a power of two apart would push each other out of the cache.
     mask = np.empty((K, S, bins, words | 1, _SIDE_BY_SIDE), dtype=np.uint32)
+    placed = np.empty((n, words, _SIDE_BY_SIDE), dtype=np.uint32)
     index = np.zeros(_SIDE_BY_SIDE, dtype=np.uint32)
     found = np.empty(_SIDE_BY_SIDE)
     for start in range(0, P, _SIDE_BY_SIDE):
         here = min(_SIDE_BY_SIDE, P - start)
-        _put_masks(columns, permutation[:, start : start + here], mask)
+        _put_masks(columns, permutation[:, start : start + here], placed, mask)
         g = 0
         for k in range(K):
             for m in range(k + 1, K):
@@ -337,10 +347,10 @@ def _table_sums(
                             place = np.uint32(base ** (c % cells))
                             for w in range(words):
                                 one, other = mask[k, s, c // bins, w], mask[m, s, c % bins, w]
-                                for p in range(here):
+                                for p in range(_SIDE_BY_SIDE):
                                     index[p] += place * ones(one[p] & other[p])
                             if c % cells == cells - 1:
-                                for p in range(here):
+                                for p in range(_SIDE_BY_SIDE):
                                     found[p] += sums[index[p]]
                                 index[:] = 0
                 total[g, start : start + here] = found[:here]

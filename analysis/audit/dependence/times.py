@@ -151,15 +151,33 @@ def unbiased_correlation(r: ArrayLike, n: int) -> Floats:
     Olkin and Pratt, "Unbiased estimation of certain correlation coefficients", 1958; read off a grid.
     """
     r = np.asarray(r, dtype=np.float64)
-    if n < 4:
-        return np.sign(r) if n == 3 else r
-    return np.sign(r) * np.interp(np.abs(r), np.linspace(0.0, 1.0, _GRID), _unbiased(n))
+    found = np.empty(r.size)
+    _estimated(r.ravel(), _unbiased(n), found)
+    return found.reshape(r.shape)
 
 
 @cache
 def _unbiased(n: int) -> Floats:
     grid = np.linspace(0.0, 1.0, _GRID)
+    if n < 4:
+        return np.ones(_GRID) if n == 3 else grid
     return grid * hyp2f1(0.5, 0.5, (n - 2) / 2, 1 - np.maximum(grid, _TINY) ** 2)
+
+
+@compiled
+def _estimated(r: Floats, estimate: Floats, found: Floats) -> None:
+    """Odd function of correlations, from its values on a grid from 0 to 1."""
+    for i in range(len(r)):
+        found[i] = np.sign(r[i]) * _read(estimate, abs(r[i]))
+
+
+@compiled
+def _read(estimate: Floats, size: float) -> float:
+    """Value of a function between those on a grid from 0 to 1; beyond, as at 1."""
+    last = len(estimate) - 1
+    place = min(size, 1.0) * last
+    cell = min(int(place), last - 1)
+    return estimate[cell] + (place - cell) * (estimate[cell + 1] - estimate[cell])
 
 
 def squared_correlations(units: Floats) -> float:
@@ -189,16 +207,13 @@ def _unbiased_square(n: int) -> Floats:
 def _sum_of_pairs(columns: Floats, estimate: Floats) -> float:
     """Of a function of the absolute product of two columns, between values on a grid from 0 to 1."""
     D, n = columns.shape
-    last = len(estimate) - 1
     total = 0.0
     for d in range(D):
         for e in range(d):
             product = 0.0
             for i in range(n):
                 product += columns[d, i] * columns[e, i]
-            place = min(abs(product), 1.0) * last
-            cell = min(int(place), last - 1)
-            total += estimate[cell] + (place - cell) * (estimate[cell + 1] - estimate[cell])
+            total += _read(estimate, abs(product))
     return total
 
 
