@@ -1,7 +1,7 @@
 """`solidtouch audit`: test the independence assumption, its cost and remedies."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from typer import Argument, Option
 
@@ -12,7 +12,14 @@ from .shared.report import command_line, report_folder, show_report
 
 _Passive = Annotated[bool, Option("--passive", help="Evaluate passive trials, which never move.")]
 _QUICK_TRIALS, _QUICK_PERMUTATIONS = 1000, 199
-_QUICK = {"resamples": 25, "replicates": 15, "simulations": 39, "tuned_simulations": 0, "most_taps": 10}
+_QUICK: dict[str, Any] = {
+    "resamples": 25,
+    "replicates": 15,
+    "simulations": 39,
+    "tuned_simulations": 0,
+    "most_taps": 10,
+    "components": False,
+}
 
 
 @spelled_out
@@ -72,7 +79,7 @@ def audit(
             help=f"Preview with wider intervals that misses small effects: {_QUICK_TRIALS} trials, "
             f"{_QUICK_PERMUTATIONS} permutations, {_QUICK['resamples']} resamples, {_QUICK['replicates']} replicates, "
             f"{_QUICK['simulations']} simulations and {_QUICK['most_taps']} taps of a class and session at most; no "
-            "tuned exponents of a correct model.",
+            "tuned exponents of a correct model and no variance components.",
         ),
     ] = False,
     seed: Seed = 0,

@@ -147,6 +147,7 @@ def audit(
     simulations: int = SIMULATIONS,
     tuned_simulations: int = RIGHT_EXPONENTS,
     most_taps: int = MOST_TAPS,
+    components: bool = True,
     seed: int = 0,
     progress: Progress = no_progress,
     command: str = "",
@@ -172,6 +173,7 @@ def audit(
         simulations: Data sets of a correct model, with which miscalibration and error bounds are compared.
         tuned_simulations: Likewise for tuned exponents; 0 skips that.
         most_taps: Of one class and session on which independence is tested and evidence judged, at least 8.
+        components: Whether variance components of gain and offset are sampled, which takes seconds.
         seed: Random seed.
         progress: Called with the name and size of every stage; returns the function that advances it.
         command: The command line, for the page.
@@ -215,6 +217,7 @@ def audit(
         simulations=simulations,
         tuned_simulations=tuned_simulations,
         most_taps=most_taps,
+        components=components,
     )
     found = audit_taps(parts, grid, settings, progress)
     about = _about(data, parts, dropped, found.unused, command)

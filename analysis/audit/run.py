@@ -71,6 +71,7 @@ class AuditSettings:
     simulations: int = SIMULATIONS
     tuned_simulations: int = RIGHT_EXPONENTS
     most_taps: int = MOST_TAPS
+    components: bool = True
 
 
 class Recalibrated(NamedTuple):
@@ -109,7 +110,7 @@ class Audit(NamedTuple):
         taxels: See `dependence.taxels` and `dependence.drift.against_drift`.
         times: See `dependence.times`.
         by_session: Whether taps were exchanged within sessions only; otherwise sessions had one tap of a class each.
-        components: Gains and offsets of taps and sessions.
+        components: Gains and offsets of taps and sessions; `None` where they were left out.
         split: The variance of evidence by cause; `None` where evidence cannot be judged.
         no_split: Why not, in a sentence.
         session_p: Of the test of sessions.
@@ -134,7 +135,7 @@ class Audit(NamedTuple):
     taxels: xr.Dataset
     times: xr.Dataset
     by_session: bool
-    components: Components
+    components: Components | None
     split: xr.Dataset | None
     no_split: str
     session_p: float
@@ -172,7 +173,9 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
     some = evenly(stratum, settings.most_taps)
     options: dict[str, Any] = {"permutations": settings.permutations, "seed": seed}
     where, what = taps.indices(grid)
-    import_samplers()
+    components = None
+    if settings.components:
+        import_samplers()
     with other_threads(2) as threads:  # so that no core waits while Python keeps another one busy
         known = [parts.train] if parts.halved else [parts.train, *parts.tune]
         leaks = clock.beside(
@@ -180,11 +183,12 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
             "Checking for leakage",
             lambda _: leakage(concatenate(known), parts.measure, grid, seed, settings.pre),
         )
-        components = clock.beside(
-            threads,
-            "Sampling variance components",
-            lambda _: variance_components(taps.doubles, where * grid.M + what, taps.session, seed),
-        )
+        if settings.components:
+            components = clock.beside(
+                threads,
+                "Sampling variance components",
+                lambda _: variance_components(taps.doubles, where * grid.M + what, taps.session, seed),
+            )
         tested = taps.select(some).taps
         with clock.stage("Testing taxels", 2 * len(np.unique(stratum))) as advance:
             local = (
@@ -241,7 +245,7 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
         taxels=taxels,
         times=times,
         by_session=by_session,
-        components=components.result(),
+        components=None if components is None else components.result(),
         split=split,
         no_split=no_split,
         session_p=p,

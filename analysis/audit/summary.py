@@ -43,6 +43,7 @@ _TAXEL_TESTS = (
     "permutations",
     "reason",
 )
+_NO_COMPONENTS = "Variance components of gain and offset were not sampled, as in every preview (`--quick`)."
 _SIZE_WORDS = {
     "design_effect": "design effect of the evidence of a tap, median over classes",
     "sequence_effect": "the same of a sequence, all classes",
@@ -261,6 +262,8 @@ def _times(data: xr.Dataset) -> Row:
 
 def _components(audit: Audit) -> Row:
     found = audit.components
+    if found is None:
+        return {"sentences": [_NO_COMPONENTS], "converged": None, "standard_deviations": [], "effective_taps": []}
     return {
         "sentences": found.sentences,
         "converged": found.converged,

@@ -148,6 +148,18 @@ def test_numbers_belong_together(three):
 
 
 @pytest.mark.slow
+def test_a_preview_says_what_it_leaves_out(files, tmp_path):
+    """Variance components are not sampled, neither told nor drawn."""
+    done = audited(tmp_path / "audit", *files[:3], "--quick")
+    assert done.code == 0, done.err
+    components = done.summary["first_cause"]["evidence"]["components"]
+    assert components["standard_deviations"] == components["effective_taps"] == []
+    assert components["sentences"][0].replace("`", "") in re.sub(
+        r"<[^>]+>", "", (done.folder / "report.html").read_text()
+    )
+
+
+@pytest.mark.slow
 def test_what_is_chosen_is_taken_by_other_commands(command, three, files, tmp_path):
     """The setting fits the model; `perceive` and `reproduce` run with them."""
     setting, model = three.folder / "setting.json", three.folder / "model.nc"
