@@ -54,7 +54,6 @@ EDGES = {
         "analysis/compare/taps.py",
         "models/measurement/fits/nuts.py",
     ),
-    "arviz_plots": ("analysis/audit/figures_checks.py",),
     "arviz_stats": ("analysis/compare/taps.py",),
     "cloudpickle": ("models/measurement/fits/portable.py",),
     "dask": ("analysis/tasks/dask.py",),

@@ -1,6 +1,5 @@
 """Figure of the posterior predictive checks of an audit."""
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,7 @@ _COLUMNS = 3
 
 @styled
 def figure_checks(tree: xr.DataTree) -> Figure | None:
-    """Statistics of replicates as `arviz_plots.plot_ppc_tstat` draws them, and what was observed as a line.
+    """Histograms of the statistics of replicates, and what was observed as a line.
 
     Args:
         tree: From `checks.audit_checks`.
@@ -28,8 +27,6 @@ def figure_checks(tree: xr.DataTree) -> Figure | None:
     Returns:
         A panel per statistic, `None` where the taps show none.
     """
-    import arviz_plots as azp  # noqa: PLC0415
-
     summary = summarise_checks(tree)
     names = [str(name) for name in summary["statistic"].values]
     if not names:
@@ -37,42 +34,25 @@ def figure_checks(tree: xr.DataTree) -> Figure | None:
     columns = min(_COLUMNS, len(names))
     rows = -(-len(names) // columns)
     figure, axes = new_figure(TWO_COLUMNS * columns / _COLUMNS, 1.4 * rows + 0.35, rows, columns)
-    panels = dict(zip(names, axes.flat, strict=False))
     for panel in list(axes.flat)[len(names) :]:
         panel.set_visible(False)
     predicted = tree["posterior_predictive"].to_dataset()
-    varied = [name for name in names if _varies(predicted[name].values)]
-    if varied:
-        azp.plot_ppc_tstat(
-            # Without the observed data, a single 0 or 1 of which would be warned of as binary.
-            xr.DataTree.from_dict({"posterior_predictive": predicted[varied]}),
-            t_stat="mean",  # of the single value that a replicate has
-            kind="hist",
-            plot_collection=_collection(predicted[varied], figure, panels),
-            visuals={"dist": {"color": "black", "width": 0.8}, "observed_tstat": False, "title": False},
-        )
-        for name in varied:
-            _close(panels[name])
-    for i, name in enumerate(names):
-        plot_observed(panels[name], summary.sel(statistic=name), predicted[name].values.ravel())
-        label_panel(panels[name], chr(ord("A") + i))
+    for i, (panel, name) in enumerate(zip(axes.flat, names, strict=False)):
+        plot_observed(panel, summary.sel(statistic=name), predicted[name].values.ravel())
+        label_panel(panel, chr(ord("A") + i))
     _key(figure)
     return figure
 
 
-def _close(axes: Axes) -> None:
-    """Leads the outline of a histogram down to the axis at both ends."""
-    for line in axes.get_lines():
-        x, y = np.asarray(line.get_data())
-        line.set_data(np.pad(x, 1, mode="edge"), np.pad(y, 1))
-
-
 def plot_observed(axes: Axes, check: xr.Dataset, values: NDArray[np.float64]) -> Axes:
-    """Draws what was observed as a line beside the replicates, orange and solid where they differ, and says both."""
+    """Draws what was observed as a line on a histogram of replicates, orange and solid where they differ."""
+    if np.ptp(values) > _ROUNDING * np.abs(values).max():
+        counts, edges = np.histogram(values, "auto")
+        axes.plot(np.repeat(edges, 2), np.pad(np.repeat(counts, 2), 1), color="black", linewidth=0.8)
+    else:
+        axes.axvline(values[0], ymax=0.9, color="black", linewidth=0.8)
     seen = float(check["observed"])
     axes.axvline(seen, ymax=0.9, **_line(differs=bool(check["differs"])))
-    if not _varies(values):
-        axes.axvline(values[0], ymax=0.9, color="black", linewidth=0.8)
     low, high = min(seen, values.min()), max(seen, values.max())
     margin = 0.05 * (high - low or abs(high) or 1.0)
     axes.set_xlim(low - margin, high + margin)
@@ -83,29 +63,6 @@ def plot_observed(axes: Axes, check: xr.Dataset, values: NDArray[np.float64]) ->
     expected = f"{number(float(check['low']), 2)} to {number(float(check['high']), 2)}"
     axes.set_xlabel(f"{check['label'].values!s}\n{number(seen, 2)}, replicates {expected}")
     return axes
-
-
-def _varies(values: NDArray[np.float64]) -> bool:
-    """Whether there is more than rounding to be drawn."""
-    return bool(np.ptp(values) > _ROUNDING * np.abs(values).max())
-
-
-def _collection(predicted: xr.Dataset, figure: Figure, panels: Mapping[str, Axes]) -> Any:
-    """An ArviZ plot collection over axes that are already there."""
-    import arviz_plots as azp  # noqa: PLC0415
-
-    def whole(things: Mapping[str, Any]) -> xr.Dataset:
-        return xr.Dataset({name: ((), np.array(thing, dtype=object)) for name, thing in things.items()})
-
-    names, numbers = list(map(str, predicted)), {name: i for i, name in enumerate(panels)}
-    parts = {
-        "/": whole({"figure": figure}),
-        "plot": whole({name: panels[name] for name in names}),
-        "row_index": whole({name: numbers[name] // _COLUMNS for name in names}),
-        "col_index": whole({name: numbers[name] % _COLUMNS for name in names}),
-    }
-    collection: Any = azp.PlotCollection  # pyright: ignore[reportPrivateImportUsage]
-    return collection(predicted, xr.DataTree.from_dict(parts), backend="matplotlib", aes={})
 
 
 def _line(*, differs: bool) -> dict[str, Any]:

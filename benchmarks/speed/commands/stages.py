@@ -15,7 +15,7 @@ OTHER, EXIT = "other", "exit of Python"
 _ANYWHERE = {
     "imports": r"<frozen importlib\._bootstrap>:_find_and_load$",
     "compiling": r"/jax/_src/(compiler|pjit|api|interpreters/\w+)\.py:|/numba/core/(dispatcher|caching|compiler)\.py:",
-    "figures": r"/(matplotlib|arviz_plots)/|/analysis/(\w+/)*figures?(_\w+)?\.py:",
+    "figures": r"/matplotlib/|/analysis/(\w+/)*figures?(_\w+)?\.py:",
 }
 """Stages by calls that belong to them wherever they are in a stack; the first that fits counts."""
 _OURS = re.compile(r"/(?P<module>(?:models|hardware|inference|analysis)/[\w/]+)\.py:")
