@@ -192,7 +192,7 @@ class SharedGain(NamedTuple):
             at_rest: Whether the model behind is fitted to taps without the differences that states hold.
 
         Raises:
-            InputError: No tap belongs to a class.
+            InputError: No tap belongs to a class, or samples are too large.
         """
         where, what = taps.indices(grid)
         used = taps.select((where >= 0) & (what >= 0))
@@ -272,6 +272,9 @@ def session_spread(taps: TapSet, grid: ClassGrid, edges: NDArray[np.float64]) ->
         taps: Training taps.
         grid: The classes.
         edges: Bin edges, which set the unit of the stand-in.
+
+    Raises:
+        InputError: Samples are so large that sums of their squares are no numbers.
     """
     where, what = taps.indices(grid)
     inside = (where >= 0) & (what >= 0)
@@ -299,6 +302,10 @@ def session_spread(taps: TapSet, grid: ClassGrid, edges: NDArray[np.float64]) ->
         moved = np.array([[1.0, 0.0], [level - line.level, 1.0]]) @ line.weights
         difference[number] = np.array([np.log(max(line.gain, _LEAST_GAIN)), offset])
         error[number] = moved @ scatter @ moved.T
+        if not np.isfinite(error[number]).all():
+            raise InputError(
+                "The samples are too large to compare sessions; use a larger unit, or a model without session."
+            )
     # A session differs from the mean of n - 1 others by more than from the truth.
     found, mean_error = (
         (1 - 1 / len(numbers)) * sum(each) / len(lines)

@@ -292,6 +292,12 @@ def test_the_unit_of_samples_does_not_matter(apart):
     np.testing.assert_allclose(one, other, rtol=1e-9)
 
 
+def test_samples_too_large_for_sums_of_squares_are_refused(apart):
+    larger = TapSet(apart.dataset.assign(taps=1e120 * apart.dataset["taps"]))
+    with np.errstate(all="ignore"), pytest.raises(InputError, match="too large to compare sessions"):
+        session_spread(larger, larger.grid(), 1e120 * EDGES)
+
+
 def test_default_bins_and_digests_are_those_of_the_taps_as_recorded(apart):
     """So other models have the same bins, and taps that trained are known."""
     grid = apart.grid()
