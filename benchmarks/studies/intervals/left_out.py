@@ -1,10 +1,10 @@
 """Coverage of the intervals of `compare` for log probabilities of taps of sessions left out.
 
-Each session shifts the levels of its taxels, alike in all classes, by a standard deviation; the noise of a sample has
-one of 1. Test sessions are drawn anew in every data set. Either models fitted to `TRAINED` sessions, the same in all
-data sets, predict them (truth: the mean over `MANY` sessions), or each session is left out in turn and predicted by
-models fitted to the others (truth: the mean of all data sets). Beside them the intervals with the taps of a session and
-class as units.
+Each session shifts the levels of its taxels, alike in all classes: not at all, each taxel by itself, or all alike.
+Shifts have a standard deviation of 1, as the noise of a sample has. Test sessions are drawn anew in every data set.
+Either models fitted to `TRAINED` sessions, the same in all data sets, predict them (truth: the mean over `MANY`
+sessions), or each session is left out in turn and predicted by models fitted to the others (truth: the mean of all data
+sets). Beside them the intervals with the taps of a session and class as units.
 
 `--document docs/explanation/intervals.md` updates the table of that page.
 """
@@ -28,8 +28,10 @@ from benchmarks.studies.intervals.places import taps_of
 from benchmarks.studies.intervals.sessions import measure_and_write
 from benchmarks.study import processes
 
-M, TAXELS, TRAINED, MANY = 6, 8, 6, 1000
-SESSIONS, APART = (2, 3, 5, 10), (0.0, 1.0)
+M, TAXELS, TRAINED, MANY = 6, 8, 6, 4000
+SESSIONS = (2, 3, 5, 10)
+SHIFTS = {"none": (0.0, TAXELS), "each taxel": (1.0, TAXELS), "all taxels": (1.0, 1)}
+"""Standard deviation and number of the shifts of a session."""
 MODELS = ("gaussian", "session:gaussian")
 QUANTITIES = {
     "gaussian": (MODELS[0], "integrated"),
@@ -42,33 +44,34 @@ _SETTINGS = FitSettings(power="none", bins=60, edges=np.linspace(-15, 15, 61))  
 _LEVEL = 2 * np.random.default_rng(0).normal(size=(1, M, TAXELS))
 
 
-def draw(sessions: int, apart: float, seed: int, first: int = 0) -> TapSet:
+def draw(sessions: int, shifts: str, seed: int, first: int = 0) -> TapSet:
     """Taps of new sessions, numbered from `first`."""
+    apart, number = SHIFTS[shifts]
     generator = seeds.generator(seed, seeds.Purpose.STUDY, sessions, int(100 * apart))
-    shift = apart * generator.normal(size=(sessions, TAXELS))
+    shift = apart * generator.normal(size=(sessions, number))
     return concatenate([taps_of(_LEVEL + one, first + s, generator) for s, one in enumerate(shift)])
 
 
 @cache
-def trained(apart: float) -> tuple[TapSet, dict[str, Fitted]]:
+def trained(shifts: str) -> tuple[TapSet, dict[str, Fitted]]:
     """Training taps, the same for all data sets, and what is fitted to them."""
-    train = draw(TRAINED, apart, 0)
+    train = draw(TRAINED, shifts, 0)
     return train, {name: fit_model(name, train, train.grid(), _SETTINGS) for name in MODELS}
 
 
-def measured(how: str, sessions: int, apart: float, seed: int) -> dict[tuple[str, bool], Seen]:
+def measured(how: str, sessions: int, shifts: str, seed: int) -> dict[tuple[str, bool], Seen]:
     """Each quantity in one data set with its interval, by whether units are sessions and classes."""
     if how == FIXED:
-        train, test, most = trained(apart)[0], draw(sessions, apart, seed, first=TRAINED), 1
+        train, test, most = trained(shifts)[0], draw(sessions, shifts, seed, first=TRAINED), 1
     else:
-        whole, most = draw(sessions, apart, seed), sessions
+        whole, most = draw(sessions, shifts, seed), sessions
         train, test = (whole.select((whole.session == 0) == first) for first in (True, False))
     grid = train.grid()
     folds, _ = folds_of("session", train, test, grid, most, one_recording=True)
     score, parts = scorer("session", folds, grid, seed), {name: [] for name in MODELS}
     for fold in folds:
         for name in MODELS:
-            fitted = trained(apart)[1][name] if how == FIXED else fit_model(name, fold.train, grid, _SETTINGS)
+            fitted = trained(shifts)[1][name] if how == FIXED else fit_model(name, fold.train, grid, _SETTINGS)
             parts[name].append(score(fitted, fold.test, 1.0)["integrated"])
     scores = {name: join_scores(of) for name, of in parts.items()}
     own = np.concatenate([fold.test.indices(grid)[1] for fold in folds])
@@ -81,30 +84,31 @@ def measured(how: str, sessions: int, apart: float, seed: int) -> dict[tuple[str
 
 
 def run(data_sets: int, seed: int) -> Iterator[tuple[Any, ...]]:
-    """How sessions are left out, how far they are apart, how many, a quantity, units, and its coverage."""
+    """How sessions are left out, their shifts, how many, a quantity, units, and its coverage."""
     own = [seeds.derived_seed(seed, seeds.Purpose.STUDY, number) for number in range(data_sets)]
     with processes() as workers:
         for how in (FIXED, REFITTED):
-            for apart in APART:
-                truth = workers.submit(measured, how, MANY, apart, seed) if how == FIXED else None
+            for shifts in SHIFTS:
+                truth = workers.submit(measured, how, MANY, shifts, seed) if how == FIXED else None
                 for sessions in SESSIONS if how == FIXED else SESSIONS[1:]:
-                    sets = list(workers.map(partial(measured, how, sessions, apart), own, chunksize=10))
+                    sets = list(workers.map(partial(measured, how, sessions, shifts), own, chunksize=10))
                     for key in sets[0]:
                         values = [one[key] for one in sets]
                         right = truth.result()[key].value if truth else float(np.mean([one.value for one in values]))
-                        yield how, apart, sessions, *key, coverage(values, right)
+                        yield how, shifts, sessions, *key, coverage(values, right)
 
 
 def document(rows: list[tuple[Any, ...]]) -> str:
     """The table of the page: a row for each quantity, coverages by the number of sessions."""
     cells: dict[tuple[Any, ...], dict[Any, str]] = {}
-    for how, apart, sessions, quantity, classes, found in rows:
-        cell = cells.setdefault((how, f"{apart:g}", quantity), {})
+    for how, shifts, sessions, quantity, classes, found in rows:
+        cell = cells.setdefault((how, shifts, quantity), {})
         cell[sessions, classes] = share_interval(found.hits, found.n)
-    heads = [f"covers, {sessions} sessions" for sessions in SESSIONS]
-    columns = [*((sessions, False) for sessions in SESSIONS), (5, True)]
+        cell["width", sessions, classes] = f"{found.width:.2f}"
+    heads = [*(f"covers, {sessions} sessions" for sessions in SESSIONS), "width, 10 sessions"]
+    columns = [*((sessions, False) for sessions in SESSIONS), ("width", 10, False), (5, True)]
     return table(
-        ["left out", "sd", "log probability", *heads, "5 sessions, units of session and class"],
+        ["left out", "shift", "log probability", *heads, "5 sessions, units of session and class"],
         [[*key, *(cell.get(column, "–") for column in columns)] for key, cell in cells.items()],
     )
 
