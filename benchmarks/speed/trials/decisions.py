@@ -5,7 +5,7 @@ A useful tap comes before the last threshold is crossed; times are divided by th
 
 from collections.abc import Callable
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,6 +16,7 @@ from benchmarks.speed.trials.agreement import by_reference, differing
 from benchmarks.speed.trials.job import POLICIES, Decisions, Job, make_job, ours, paper_table
 from benchmarks.speed.trials.limit import Limit, limit
 from benchmarks.speed.trials.loops import loop, tuned_loop
+from benchmarks.speed.trials.older_processor import older_processors
 from benchmarks.speed.trials.vectorised import vectorised
 
 THRESHOLD = 0.995
@@ -26,9 +27,10 @@ class Way(NamedTuple):
     """One way of playing the first `trials` trials of a job."""
 
     method: str
-    play: Callable[[], Decisions]
+    play: Callable[[], object]
     trials: int
     note: str = ""
+    decisions: Callable[[], Decisions] | None = None
 
 
 def rows(quick: bool = False) -> list[Row]:
@@ -49,12 +51,21 @@ def limits(job: Job) -> list[tuple[str, Limit | None]]:
 
 
 def _one_core(job: Job, policy: str, quick: bool) -> list[Row]:
+    with older_processors(job) as older:
+        return _compared(job, policy, quick, older)
+
+
+def _compared(job: Job, policy: str, quick: bool, older: dict[str, Callable[[bool], Any]]) -> list[Row]:
     few, many = (5 if quick else 400), len(job.number)
     ways = [
         Way("NumPy loop over trials and taps", lambda: loop(job.first(few)), few),
         Way("NumPy loop, tuned", lambda: tuned_loop(job.first(few)), few),
         Way("NumPy, batches of 1600 trials", lambda: vectorised(job), many, "single precision"),
         Way("solidtouch", lambda: ours(job), many, "includes drawing the taps"),
+        *(
+            Way(f"solidtouch, {name} alone", partial(play, False), many, "", partial(play, True))
+            for name, play in older.items()
+        ),
         Way("solidtouch, arrays by XLA", lambda: ours(job, device="xla-cpu"), many, "the code that a GPU runs"),
     ]
     absent = []
@@ -65,7 +76,7 @@ def _one_core(job: Job, policy: str, quick: bool) -> list[Row]:
             ways.append(Way(method, yardstick.play, many, "single precision, draws precomputed"))
     work = f"trials to {THRESHOLD}, {policy}"
     expected, near = by_reference(job)
-    played = {way.method: way.play() for way in ways}  # compiles
+    played: dict[str, Any] = {way.method: (way.decisions or way.play)() for way in ways}  # compiles
     seconds = interleaved({way.method: way.play for way in ways}, 2 if quick else 9)
     found = []
     for way in ways:
