@@ -297,7 +297,9 @@ def _add(
                 sums[true[i], v] += values[i, v]
             for g in (0, 1 + true[i]):
                 if ends[g, 0] < np.inf:
-                    place = max(np.searchsorted(ends[g], belief[i], side="right") - 1, 0)
+                    place = 0
+                    for end in range(1, ends.shape[1]):
+                        place += ends[g, end] <= belief[i]
                     for v in range(3):
                         curve[g, place, v] += values[i, v]
 

@@ -1,7 +1,8 @@
 """Selections of the test taps for `resampling`, which show the sampling variation of results."""
 
 from collections.abc import Callable, Iterator
-from typing import NamedTuple, Self
+from functools import lru_cache
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +13,7 @@ from .records import TapTable
 
 LEFT_OUT = 1 / 3
 """Mean number left out for each that stays in `thinned_pools`, so that these vary a third as much as data sets do."""
+_KEPT = 1 << 20  # taps of all selections of a table that are kept
 _DROPPED = 0.5  # of the resamples lack a class of one tap
 
 
@@ -83,14 +85,45 @@ def _pools(
     """Pool of a table, then `select` of its taps, or all sessions but one."""
     yield table.pool
     taps, cell = _in_classes(table)
-    sessions, drawn = _sessions_apart(table, taps), sessions_drawn(table)
+    known = _Taps(taps.tobytes(), cell.tobytes(), sessions_of(table)[taps].tobytes(), table.pool.count.shape)
+    if resamples * len(taps) > _KEPT:
+        yield from _selected(known, sessions_drawn(table), resamples, seed, select)
+    else:
+        yield from _kept(known, sessions_drawn(table), resamples, seed, select)
+
+
+class _Taps(NamedTuple):
+    """Taps sorted by session and class, their class and session, as bytes of arrays, and the shape (S, L, M)."""
+
+    taps: bytes
+    cell: bytes
+    session: bytes
+    shape: tuple[int, int, int]
+
+
+def _selected(
+    known: _Taps,
+    drawn: int,
+    resamples: int,
+    seed: int,
+    select: Callable[["_Group", np.random.Generator], NDArray[np.intp]],
+) -> Iterator[TapPool]:
+    """`_pools` but the first."""
+    taps, cell, session = (np.frombuffer(part, np.intp) for part in known[:3])
+    sessions = [np.flatnonzero(session == s) for s in np.unique(session)]
     group, generator = _Group.of_taps(cell), seeds.generator(seed, seeds.Purpose.RESAMPLES)
     for r in range(resamples):
         if drawn > 1:
             selected = np.concatenate([member for s, member in enumerate(sessions) if s != r % drawn])
         else:
             selected = select(group, generator)
-        yield pool_of(taps[selected], cell[selected], table.pool.count.shape)
+        yield pool_of(taps[selected], cell[selected], known.shape)
+
+
+@lru_cache(maxsize=4)
+def _kept(*arguments: Any) -> list[TapPool]:
+    """Selections that models, policies and thresholds share."""
+    return list(_selected(*arguments))
 
 
 def _left_out(size: NDArray[np.intp], generator: np.random.Generator) -> NDArray[np.intp]:
@@ -172,12 +205,6 @@ def _in_classes(table: TapTable) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     cell = np.repeat(np.arange(len(count)), count)
     taps = np.concatenate([pool.order[f : f + n] for f, n in zip(pool.first.flat, count, strict=True)])
     return taps, cell
-
-
-def _sessions_apart(table: TapTable, taps: NDArray[np.intp]) -> list[NDArray[np.intp]]:
-    """Indices of the taps of each session among these."""
-    session = sessions_of(table)[taps]
-    return [np.flatnonzero(session == s) for s in np.unique(session)]
 
 
 def sessions_of(table: TapTable) -> NDArray[np.intp]:

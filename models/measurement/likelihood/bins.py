@@ -126,10 +126,12 @@ def count_taps(samples: NDArray[np.floating], edges: NDArray[np.float64]) -> Ite
 def count_bins(bins: NDArray[np.integer], B: int) -> Iterator[tuple[slice, SparseCounts]]:
     """As `count_taps` from bins (N, J, K) of B for each taxel; a bin of -1 does not count."""
     _, J, K = bins.shape
-    first = np.arange(K) * B
+    first = np.tile(np.arange(K) * B, J)
 
     def cells_of(part: NDArray[np.integer]) -> NDArray[np.int64]:
-        return np.where(part < 0, -1, part + first).reshape(len(part), J * K)
+        part = part.reshape(len(part), J * K)
+        cells = part.astype(np.int64, copy=False) + first
+        return cells if part.dtype.kind == "u" else np.where(part < 0, -1, cells)
 
     yield from _counted(bins, cells_of, K * B)
 
