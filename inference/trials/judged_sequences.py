@@ -17,7 +17,6 @@ from ..filter import share
 type Floats = NDArray[np.float64]
 
 _DRAWS = 10  # sequences of each class and session that has more taps than one sequence
-_NOTHING = 45.0  # nats below the most probable class, where one adds nothing to a sum
 
 
 class JudgedSession(NamedTuple):
@@ -190,13 +189,11 @@ def _log_beliefs(
         for c in range(len(joint)):
             joint[c] = share[q] * (log_prior[c] + exponent * log_likelihood[q, c])
             top = max(top, joint[c])
-        for c in range(len(joint)):
-            if group[c] == true[q]:
-                mine = max(mine, joint[c])
+            mine = max(mine, joint[c] if group[c] == true[q] else -np.inf)
         total = own = 0.0
-        for c in range(len(joint)):
-            total += exponential(max(joint[c] - top, LEAST))
-        for c in range(len(joint)):
-            if group[c] == true[q] and joint[c] > mine - _NOTHING:
-                own += math.exp(joint[c] - mine)
+        if mine > -np.inf:
+            for c in range(len(joint)):
+                total += exponential(max(joint[c] - top, LEAST))
+            for c in range(len(joint)):
+                own += exponential(max(joint[c] - mine, LEAST)) if group[c] == true[q] else 0.0
         out[q] = mine - top + math.log(own / total) if mine > -np.inf else mine - top
