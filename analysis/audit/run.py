@@ -189,17 +189,6 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
                 "Sampling variance components",
                 lambda _: variance_components(taps.doubles, where * grid.M + what, taps.session, seed),
             )
-        tested = taps.select(some).taps
-        with clock.stage("Testing taxels", 2 * len(np.unique(stratum))) as advance:
-            local = (
-                contrasts(taps.samples, stratum, recorded_time(taps), taps.session, settings.most_taps)
-                if by_session
-                else None
-            )
-            whole = taxel_dependence(tested, stratum[some], progress=advance, **options)
-            taxels = against_drift(whole, local, progress=advance, **options)
-        with clock.stage("Testing times", len(np.unique(stratum))) as advance:
-            times = time_dependence(tested, stratum[some], progress=advance, **options)
         with clock.stage("Fitting remedies", count_remedies(settings.models)) as advance:
             remedies, refused = make_remedies(
                 parts.train, parts.tune, grid, setting, SEQUENCE, seed, advance, settings.models
@@ -215,12 +204,23 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
             lambda advance: audit_checks(checked, _histograms(base.model), seed, settings.replicates, advance),
             count_replicates(checked, settings.replicates),
         )
-        promises = clock.beside(
-            threads, "Checking error bounds", lambda _: _promises(base, parts.measure, grid, settings, policy_of(base))
-        )
+        tested = taps.select(some).taps
+        with clock.stage("Testing taxels", 2 * len(np.unique(stratum))) as advance:
+            local = (
+                contrasts(taps.samples, stratum, recorded_time(taps), taps.session, settings.most_taps)
+                if by_session
+                else None
+            )
+            whole = taxel_dependence(tested, stratum[some], progress=advance, **options)
+            taxels = against_drift(whole, local, progress=advance, **options)
+        with clock.stage("Testing times", len(np.unique(stratum))) as advance:
+            times = time_dependence(tested, stratum[some], progress=advance, **options)
         with clock.stage("Tuning on taps of a correct model", settings.tuned_simulations) as advance:
             own = parts.train, parts.tune, SEQUENCE, seed, advance, settings.tuned_simulations
             remedies = beside_right(remedies, *own)
+        promises = clock.beside(
+            threads, "Checking error bounds", lambda _: _promises(base, parts.measure, grid, settings, policy_of(base))
+        )
         with clock.stage("Measuring remedies", count_measurements(remedies, settings.simulations)) as advance:
             measured = measure(
                 remedies,
