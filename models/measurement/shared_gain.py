@@ -308,8 +308,8 @@ def session_spread(taps: TapSet, grid: ClassGrid, edges: NDArray[np.float64]) ->
             )
     # A session differs from the mean of n - 1 others by more than from the truth.
     found, mean_error = (
-        (1 - 1 / len(numbers)) * sum(each) / len(lines)
-        for each in ((np.outer(one, one) for one in difference.values()), error.values())
+        (1 - 1 / len(numbers)) * np.mean(each, axis=0)
+        for each in ([np.outer(one, one) for one in difference.values()], list(error.values()))
     )
     covariance, count = found - mean_error, len(lines)
     # No sessions show that there is no difference at all.
