@@ -207,10 +207,11 @@ def extreme_samples(samples: Any, may_miss: bool = False) -> NDArray[Any]:
 
 
 def _folded(extreme: np.ufunc, block: NDArray[Any]) -> NDArray[Any]:
-    """Minimum or maximum over the second of three axes, half by half, as NumPy is slow where the last one is short."""
-    while (J := block.shape[1]) > 1:
-        block = extreme(block[:, : (J + 1) // 2], block[:, J // 2 :])
-    return block[:, 0]
+    """Minimum or maximum over the second of three axes, one by one, as NumPy is slow where the last one is short."""
+    found = block[:, 0].copy()
+    for j in range(1, block.shape[1]):
+        extreme(found, block[:, j], out=found)
+    return found
 
 
 def tap_digests(taps: Any) -> NDArray[np.uint64]:
