@@ -289,8 +289,13 @@ class TableForm(NamedTuple):
         cumulative = np.exp(self.log_prob[used // H, used % H]).cumsum(axis=-1)
         if not (cumulative[..., -1] > 0).all():
             raise InputError("A tap cannot be drawn from a class without a distribution.")
+        begin = np.empty((*cumulative.shape[:2], _PARTS), dtype=np.uint32)
+        _begin(cumulative, begin)
         bins = np.empty((len(where), J, K), dtype=np.uint32)
-        _draw(cumulative, row, generator.random((len(where), K, J)), bins)
+        step = max(1, _SAMPLES // max(1, J * K))
+        for i in range(0, len(where), step):  # random numbers stay in the cache
+            own = row[i : i + step]
+            _draw(cumulative, begin, own, generator.random((len(own), K, J)), bins[i : i + step])
         return bins
 
     @staticmethod
@@ -338,33 +343,39 @@ class PreparedTable(NamedTuple):
 
 
 @compiled
-def _draw(
-    cumulative: NDArray[np.float64],
-    row: NDArray[np.intp],
-    uniform: NDArray[np.float64],
-    bins: NDArray[np.uint32],
-) -> None:
-    """Writes bins (N, J, K) for random numbers (N, K, J) under cumulative distributions (C, K, B).
+def _begin(cumulative: NDArray[np.float64], begin: NDArray[np.uint32]) -> None:
+    """Writes from which bin on random numbers in each of `_PARTS` equal parts of the whole are searched, (C, K, parts).
 
-    Numbers in each of `_PARTS` equal parts of the whole are searched from the bin in which the part before begins:
-    starting one part early leaves room for rounding, and of so many parts few hold the end of a bin.
+    That is the one in which the part before begins: starting one part early leaves room for rounding, and of so many
+    parts few hold the end of a bin.
     """
     C, K, B = cumulative.shape
-    start = np.zeros((C, K, _PARTS), dtype=np.uint32)
     for c in range(C):
         for k in range(K):
             b = 0
             for part in range(_PARTS):
                 while b < B - 1 and cumulative[c, k, b] * _PARTS <= (part - 1) * cumulative[c, k, B - 1]:
                     b += 1
-                start[c, k, part] = b
+                begin[c, k, part] = b
+
+
+@compiled
+def _draw(
+    cumulative: NDArray[np.float64],
+    begin: NDArray[np.uint32],
+    row: NDArray[np.intp],
+    uniform: NDArray[np.float64],
+    bins: NDArray[np.uint32],
+) -> None:
+    """Writes bins (N, J, K) for random numbers (N, K, J) under cumulative distributions (C, K, B)."""
+    _, K, B = cumulative.shape
     N, _, J = uniform.shape
     for i in range(N):
         for k in range(K):
             upto = cumulative[row[i], k]
             for j in range(J):
                 value = uniform[i, k, j] * upto[B - 1]
-                b = start[row[i], k, np.uint32(uniform[i, k, j] * _PARTS)]
+                b = begin[row[i], k, np.uint32(uniform[i, k, j] * _PARTS)]
                 while b < B - 1 and upto[b] <= value:
                     b += 1
                 bins[i, j, k] = b
