@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -143,10 +143,10 @@ def sources(models: Sequence[str], sizes: Sizes, seed: int) -> list[Source]:
 def replicate(source: Source, models: Sequence[str], sizes: Sizes, seed: int, number: int) -> Replicate:
     """One data set from a model, and what all models make of it."""
     generator = seeds.generator(seed, seeds.Purpose.STUDY, (*MODELS, *user_stories.NAMES).index(source.name), number)
-    posterior = source.fitted.posterior
+    posterior: Any = source.fitted.posterior
     if posterior is None:
         raise ValueError(f"{source.name} has no posterior to draw parameters from.")
-    truth = posterior.draw(generator)
+    truth = getattr(posterior, "inner", posterior).draw(generator)  # without a new session, which each draws for itself
     sessions = [simulated(source, truth, sizes.repeats, session, generator) for session in range(sizes.sessions + 1)]
     train, left_out = concatenate(sessions[:-1]), sessions[-1]
     # The bins are those of the source, which for a histogram are part of what it says.

@@ -47,8 +47,14 @@ def drawn_session(
     what: NDArray[np.intp],
     generator: np.random.Generator,
 ) -> NDArray[np.float64]:
-    """Samples (N, J, K) of a new session."""
+    """Samples (N, J, K) of a new session.
+
+    Raises:
+        ValueError: The parameters have a new session already, which all that are drawn would be.
+    """
     if model.program.structure.by_session:
+        if _last(model, parameters)[1] >= model.program.sessions:
+            raise ValueError(f"These parameters of {model.name} have a new session already.")
         parameters = with_new_session(model.program, parameters, generator)
     (form,) = model.by_story(parameters)
     return form.sample(where, what, model.edges, model.preprocessing.samples, generator)
