@@ -20,9 +20,10 @@ from .fits.priors import Taps
 from .likelihood.bins import bin_edges
 from .likelihood.forecasts import log_mean
 from .likelihood.shapes import Parameters
-from .likelihood.true_class import Own
+from .likelihood.true_class import Own, OwnTaps
 from .model import TapModel
 from .scaling import Scaling
+from .states import States
 
 if TYPE_CHECKING:
     from .generic.form import GenericForm
@@ -112,10 +113,9 @@ class ModelOfParameters(TapModel):
         offset: float,
     ) -> NDArray[np.float64]:
         """Predictive log probability, averaged over draws."""
-        # Taps in the state of gain 1 and offset 0; bins go with them, so probabilities stay those of the same bins.
-        taps, edges = (taps - offset) / gain, (self.edges - offset) / gain
+        known = OwnTaps(taps, own, self.edges, States(np.array([gain]), np.array([offset]), np.zeros(1)))
         forms = map(self.form_of, several(posterior, [generator] * _MANY_DRAWS))
-        return log_mean([form.own(taps, edges, *own) for form in forms])
+        return log_mean([known.log_probability(form) for form in forms])
 
     def groups(self) -> dict[str, xr.Dataset]:
         """Groups of the file, with parameters and their scaling."""

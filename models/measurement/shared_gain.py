@@ -17,6 +17,7 @@ from ..grid import ClassGrid
 from ..settings import FitSettings
 from ..taps import TapSet
 from .fits.priors import Taps
+from .fits.session_lines import SessionLine, live_taxels, session_line
 from .likelihood.bins import bin_edges
 from .model import Fitted, Row
 from .scaling import Moments
@@ -28,7 +29,7 @@ GAINS, OFFSETS = 7, 3
 _REACH = 2.0  # standard deviations to which the grid reaches
 _GAIN_SD, _OFFSET_BINS = 0.05, 0.5  # where a single training session says nothing
 _LEAST_GAIN = 1e-3
-_FLAT = 0.1  # signal over noise below which taps say nothing of a gain
+_UNSURE = 0.2  # sampling error of a gain from which on it says nothing
 _SHORT, _FAR = 0.2, 2.5  # an axis this short, relative to the other, gets one point; the other then reaches this far
 
 
@@ -91,10 +92,7 @@ class SessionSpread(NamedTuple):
         unit = self.unit
         variance, axes = np.linalg.eigh(self.covariance * np.outer(unit, unit))
         sd, axes = np.sqrt(np.maximum(variance[::-1], 0)), axes[:, ::-1] / unit[:, None]
-        if sd[1] < _SHORT * sd[0]:
-            z = _grid(_points(GAINS * OFFSETS, sd[0], _FAR), np.zeros(1))
-        else:
-            z = _grid(_points(GAINS, sd[0]), _points(OFFSETS, sd[1]))
+        z = _spread_over(sd, _SHORT)
         quantiles = np.sqrt(1 + 1 / self.sessions) * stdtrit(max(self.sessions - 1, 1), ndtr(z))
         return Layout(np.where(axes[0] < 0, -1, 1) * axes * sd, quantiles, _log_prior(z))
 
@@ -143,7 +141,7 @@ class Layout(NamedTuple):
         cls, gain_sd: float, offset_sd: float, level: float = 0.0, gains: int = GAINS, offsets: int = OFFSETS
     ) -> "Layout":
         """That of gains about a point `level` below the mean level and of independent offsets."""
-        z = _grid(_points(gains, gain_sd), _points(offsets, offset_sd))
+        z = _spread_over(np.array([gain_sd, offset_sd]), 0.0, gains, offsets)
         return cls(np.array([[gain_sd, 0.0], [level * gain_sd, offset_sd]]), z, _log_prior(z))
 
     def held(self, spread: SessionSpread) -> NDArray[np.float64]:
@@ -172,6 +170,8 @@ class SharedGain(NamedTuple):
         edges: Edges of its bins, those of the taps as they were recorded unless they are given.
         training: Digests of the taps as they were recorded.
         level: Level at which offsets are told.
+        known: Whether training sessions show how sessions differ, or somebody said it.
+        dead: Taxels that are constant in every training session.
     """
 
     states: States
@@ -179,6 +179,8 @@ class SharedGain(NamedTuple):
     edges: NDArray[np.float64]
     training: NDArray[np.uint64]
     level: float
+    known: bool
+    dead: list[int]
 
     @classmethod
     def of(cls, taps: TapSet, grid: ClassGrid, settings: FitSettings, at_rest: bool = True) -> "SharedGain":
@@ -205,18 +207,23 @@ class SharedGain(NamedTuple):
         else:
             both, level = spread.about_zero(*given), 0.0
             states, layout = state_grid(*both), Layout.independent(*both, spread.level)
-        return cls(states, spread.at_rest(used, layout) if at_rest else used, edges, used.digests, level)
+        known, live = spread.sessions > 0 or given != (None, None), live_taxels(used.extremes, used.session)
+        rest = spread.at_rest(used, layout) if at_rest else used
+        return cls(states, rest, edges, used.digests, level, known, np.flatnonzero(~live).tolist())
 
     def behind(self, fitted: Fitted) -> Fitted:
         """The model with these states, from the one behind."""
         model: Any = fitted.model  # every kind is a dataclass
         gain, offset, _ = self.states
         moved = offset + self.level * (gain - 1)
-        sentence = (
-            f"{fitted.convergence.sentence} States: {len(gain)}, gains {gain.min():.3g} to {gain.max():.3g} and "
-            f"offsets {moved.min():.2g} to {moved.max():.2g} at level {self.level:.3g}."
+        found, unknown = fitted.convergence, "" if self.known else " (a guess, as sessions show no differences)"
+        told = (
+            f"{found.sentence} States: {len(gain)}, gains {gain.min():.3g} to {gain.max():.3g} and offsets "
+            f"{moved.min():.2g} to {moved.max():.2g} at level {self.level:.3g}{unknown}."
         )
-        convergence = fitted.convergence._replace(sentence=sentence)
+        dead = f"{'Taxel' if len(self.dead) == 1 else 'Taxels'} {', '.join(map(str, self.dead))}"
+        warning = self.dead and f"{dead} of all training taps are constant, but states move them: leave them out."
+        convergence = found._replace(sentence=told, warning=f"{found.warning} {warning or ''}".strip())
         return fitted._replace(
             model=replace(model, states=self.states, training=self.training), convergence=convergence
         )
@@ -228,7 +235,8 @@ def state_grid(gain_sd: float, offset_sd: float, gains: int = GAINS, offsets: in
     Args:
         gain_sd: Standard deviation of the logarithm of the gain between sessions; 0 keeps it at 1.
         offset_sd: Standard deviation of the offset, in the unit of the samples; 0 keeps it at 0.
-        gains: Points over the gain, reaching to two standard deviations.
+        gains: Points over the gain, reaching to two standard deviations; if one of the two does not vary, the other
+            has the points of both, to 2.5.
         offsets: Points over the offset, likewise.
 
     Raises:
@@ -244,8 +252,18 @@ def state_grid(gain_sd: float, offset_sd: float, gains: int = GAINS, offsets: in
     return States(np.exp(log_gain), offset, log_prior)
 
 
-def _points(number: int, sd: float, reach: float = _REACH) -> NDArray[np.float64]:
-    return np.linspace(-reach, reach, number) if number > 1 and sd > 0 else np.zeros(1)
+def _spread_over(
+    sd: NDArray[np.float64], least: float, gains: int = GAINS, offsets: int = OFFSETS
+) -> NDArray[np.float64]:
+    """Normal grid along two axes; all points on one if the other, relative to it, has no more than `least`."""
+    if min(sd) > least * max(sd):
+        return _grid(_points(gains, _REACH), _points(offsets, _REACH))
+    all_, none = _points(gains * offsets if max(sd) > 0 else 1, _FAR), np.zeros(1)
+    return _grid(all_, none) if sd[0] >= sd[1] else _grid(none, all_)
+
+
+def _points(number: int, reach: float) -> NDArray[np.float64]:
+    return np.linspace(-reach, reach, number) if number > 1 else np.zeros(1)
 
 
 def _grid(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -284,10 +302,10 @@ def session_spread(taps: TapSet, grid: ClassGrid, edges: NDArray[np.float64]) ->
         part = np.flatnonzero(inside & which)
         return Taps(taps.select(part).doubles, where[part], what[part], grid.shape)
 
-    every = Moments.of(known(inside))
-    lines: dict[int, _Line] = {}
+    every, live = Moments.of(known(inside)), live_taxels(taps.extremes[inside], taps.session[inside])
+    lines: dict[int, SessionLine] = {}
     for number in numbers.tolist() if len(numbers) > 1 else ():
-        line = _line(known(taps.session == number), every)
+        line = session_line(known(taps.session == number), every, live)
         if line is not None:
             lines[number] = line
     if not lines:
@@ -295,9 +313,12 @@ def session_spread(taps: TapSet, grid: ClassGrid, edges: NDArray[np.float64]) ->
         stand_in = _GAIN_SD, _OFFSET_BINS * float(np.diff(edges, axis=-1).mean())
         return SessionSpread(*stand_in, level=float(mean.mean()), contrast=float(mean.std()) or 1.0)
     level = float(np.mean([line.level for line in lines.values()]))
-    scatter = sum(line.scatter for line in lines.values()) / max(sum(line.freedom for line in lines.values()), 1)
+    scatter = np.sum([line.scatter for line in lines.values()], axis=0)
+    scatter /= max(sum(line.freedom for line in lines.values()), 1)
     difference, error = {}, {}
     for number, line in lines.items():
+        if line.weights[0, 0] * np.sqrt(scatter[0, 0]) > _UNSURE:
+            line = line._replace(gain=1.0, weights=line.weights * [[0], [1]])  # noqa: PLW2901
         offset = line.offset + (line.gain - 1) * (level - line.level)
         moved = np.array([[1.0, 0.0], [level - line.level, 1.0]]) @ line.weights
         difference[number] = np.array([np.log(max(line.gain, _LEAST_GAIN)), offset])
@@ -326,58 +347,3 @@ def session_spread(taps: TapSet, grid: ClassGrid, edges: NDArray[np.float64]) ->
             noisy = unit * (spread.covariance + share * error[number]) * unit[:, None]
             own[number] = spread.covariance @ (unit * (np.linalg.pinv(noisy) @ (unit * share * difference[number])))
     return spread._replace(own=own)
-
-
-class _Line(NamedTuple):
-    """A session's mean taps against those of the others.
-
-    Attributes:
-        gain: Slope.
-        offset: Difference of the means over all classes, times and taxels.
-        level: Their mean in the others.
-        signal: Variance of the others' mean taps without their noise.
-        weights: Times the sums in `scatter` gives the sampling errors of slope and offset, shape (2, 2).
-        scatter: Sum over taps of the products of two weighted sums of their deviations, shape (2, 2).
-        freedom: Degrees of freedom of `scatter`.
-    """
-
-    gain: float
-    offset: float
-    level: float
-    signal: float
-    weights: NDArray[np.float64]
-    scatter: NDArray[np.float64]
-    freedom: float
-
-
-def _line(taps: Taps, every: Moments) -> _Line | None:
-    """Line of a session; `None` without a class in both, or with two taps in the others to tell noise by."""
-    this = Moments.of(taps)
-    others = every.without(this)
-    n, count = this.samples, others.samples
-    used, freedom = (n > 0) & (count > 0), np.maximum(count - 1, 0).sum(axis=(0, 1)).mean()
-    if not used.any() or not freedom:
-        return None
-    square = others.square.sum(axis=(0, 1)).mean()
-    noise = float(square / freedom * np.broadcast_to(1 / np.maximum(count, 1), used.shape).mean(where=used))
-    used = np.broadcast_to(used, this.mean.shape)
-    mean, rest = this.mean[used], others.mean[used]
-    level, signal = float(rest.mean()), float(rest.var()) - noise
-    flat = signal <= _FLAT * noise
-    gain = 1.0 if flat else float(((mean - mean.mean()) * (rest - level)).mean()) / signal
-    # Each tap adds to the sums by which slope and offset are found; its samples need not be independent.
-    classes, number, rest_number = used.any(axis=(2, 3)), n.mean(axis=(2, 3)), count.mean(axis=(2, 3))
-    whole = np.where(used, number[..., None, None] / np.maximum(n, 1), 0.0)
-    sums = np.stack([whole * (others.mean - level), whole])
-
-    def products(block: NDArray[np.float64], which: slice) -> NDArray[np.float64]:
-        deviation = np.nan_to_num(this.residual(taps, block, which))
-        own = taps.where[which], taps.what[which]
-        each = np.stack([np.einsum("njk,njk->n", deviation, weight[own]) for weight in sums])
-        return each @ each.T
-
-    taken = (1 / number[classes] + 1 / rest_number[classes]).sum()
-    scale = np.array([0.0 if flat else 1 / signal, 1.0]) * np.sqrt(taken) / used.sum()
-    scatter = np.asarray(sum(taps.over_blocks(products)))
-    freedom = float(np.maximum(number[classes] - 1, 0).sum())
-    return _Line(gain, float(mean.mean()) - level, level, max(signal, 0.0), np.diag(scale), scatter, freedom)

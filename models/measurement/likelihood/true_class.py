@@ -27,6 +27,7 @@ class OwnTaps:
 
     def __init__(self, taps: NDArray[np.floating], own: Own, edges: NDArray[np.float64], states: States) -> None:
         self._states, self._edges = states.apart(), edges
+        self._at_rest = bool((self._states.gain == 1).all() and (self._states.offset == 0).all())
         self._where, self._what = own
         self._taps = taps
         self._gaps = bin_gaps(taps, edges, may_miss=True)
@@ -40,7 +41,7 @@ class OwnTaps:
             form: Form of the model in the state of gain 1 and offset 0.
         """
         where, what = self._where, self._what
-        if isinstance(form, TableForm) and len(self._states.gain) > 1:  # only classes of the taps are moved
+        if isinstance(form, TableForm) and not self._at_rest:  # only classes of the taps are moved
             used, row = np.unique(np.stack([where, what]), axis=1, return_inverse=True)
             form, where, what = form.only(*used), np.zeros_like(row), row
         parts = [

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from itertools import product
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from solidtouch.models.grid import ClassGrid
 from solidtouch.models.measurement import gaussian, profile
 from solidtouch.models.measurement.draws import drawn, integrated, plug_in
 from solidtouch.models.measurement.fits.priors import Taps
+from solidtouch.models.measurement.fitted_parameters import ModelOfParameters
 from solidtouch.models.measurement.histogram import HistogramPosterior
 from solidtouch.models.measurement.registry import NAMES, fit_model
 from solidtouch.models.measurement.states import States
@@ -178,6 +180,19 @@ def test_gaussian_forecasts_are_a_multivariate_t():
     density = multivariate_t(np.full(J, level), shape, df=2 * a).logpdf(scaled) - J * np.log(scaling.unit[0])
     found = integrated(fitted, new, own, generator) - J * np.log(width)
     np.testing.assert_allclose(found, density, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", ["gaussian", "student", "profile", "profile-ar", "profile-mvn"])
+def test_draws_are_judged_in_a_state(name):
+    """With a posterior that draws the fitted parameters alone, as these are."""
+    fitted = fit_model(name, TAPS, GRID, SETTINGS.changed(unconverged=True))
+    model, state = fitted.model, States(np.array([1.4]), np.array([0.2]), np.zeros(1))
+    point = SimpleNamespace(draw=lambda _: model.parameters)
+    expected = plug_in(fitted._replace(model=replace(model, states=state)), TEST.taps, OWN)
+    found = ModelOfParameters.integrated(model, point, TEST.taps, OWN, np.random.default_rng(0), 1.4, 0.2)
+
+    assert np.median(np.abs(expected - plug_in(fitted, TEST.taps, OWN))) > 0.1
+    np.testing.assert_allclose(found, expected, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", ["histogram", "profile", "matrix-normal"])
