@@ -43,6 +43,8 @@ class ScoreKind(NamedTuple):
 
 
 LOG_PROBABILITY = ScoreKind()
+_SKEWED_FROM = 5
+"""Fewest clusters where correcting for skewness covers more than intervals of Student's t, widened as much, would."""
 
 
 class TapScores(NamedTuple):
@@ -184,13 +186,18 @@ def mean_scores(
     Each cluster is left out in turn (jackknife), with its taps and, where the scores of other taps depend on it, as
     they do on the positions that the model was trained on, in what models say of those. The variance of C clusters of
     one size has C - 1 degrees of freedom. There is no interval from one cluster, or from two on which scores depend.
+    The loss of a session grows with the square of its deviation, so it is skewed over sessions. From five clusters on
+    intervals of log probabilities are corrected for it (Hall 1992, see `inference.trials.skewness`), unless the scores
+    of taps depend on other clusters.
     """
     names = list(scores)
     first = scores[names[0]]
     sizes = np.bincount(first.cluster)
     C, known = len(sizes), len(sizes) > (1 if first.without is None else 2)
     samples = np.array([_jackknifed(one, C) for one in scores.values()])
-    spread = Spread(float((C - 1) / np.sqrt(C) if known else np.nan), freedom=freedom_of(sizes))
+    factor = float((C - 1) / np.sqrt(C) if known else np.nan)
+    skewed = sizes if first.without is None and C >= _SKEWED_FROM else None
+    spread = Spread(factor, freedom=freedom_of(sizes), sizes=skewed)
     attributes = {"long_name": of.long_name, "units": of.units}
     place = names.index(reference)
     result = with_intervals(name, samples, ("model",), place, attributes, spread, limits=of.limits)

@@ -34,6 +34,7 @@ from ...models.threads import cores, in_order
 from .records import TapTable, TrialPlan, Trials, checked_plan, plan_trials
 from .run import LoopPlayer, empty_trials, make_rule
 from .selections import LEFT_OUT, resampled_pools, session_sizes, thinned_pools, uncaught
+from .skewness import skewed_quantile, skewness_of_mean
 
 type Floats = NDArray[np.float64]
 
@@ -63,6 +64,8 @@ class Spread(NamedTuple):
         freedom: Degrees of freedom of the variance where sessions are left out in turn, or lone taps make it; infinite
             where taps are drawn else.
         sessions: How many are left out in turn; 1 where taps are drawn.
+        sizes: Taps of each cluster that is left out of a mean in turn, shape (R,), if the interval is to be corrected
+            for the skewness of clusters.
     """
 
     factor: float
@@ -71,6 +74,7 @@ class Spread(NamedTuple):
     noise: float | None = None
     freedom: float = np.inf
     sessions: int = 1
+    sizes: NDArray[np.intp] | None = None
 
     @property
     def tells(self) -> bool:
@@ -96,9 +100,10 @@ class Spread(NamedTuple):
     ) -> tuple[Floats, Floats]:
         """Ends of the 95% interval.
 
-        Of a quantity without a least value it is that of Student's t. With one it is that of a score: its ends are
-        the values from which the estimate lies just so many standard deviations away if the variance grows with the
-        value as that of a proportion or a count does (Wilson 1927). So few errors leave more room above than below.
+        Of a quantity without a least value it is that of Student's t, with Hall's correction for skewness where
+        `sizes` are known. With one it is that of a score: its ends are the values from which the estimate lies just so
+        many standard deviations away if the variance grows with the value as that of a proportion or a count does
+        (Wilson 1927). So few errors leave more room above than below.
 
         Args:
             samples: The estimate and, behind that, R resamples, shape (..., 1 + R); where `noise` is known also the
@@ -128,8 +133,11 @@ class Spread(NamedTuple):
         def around(value: Floats) -> tuple[Floats, Floats]:
             if np.isfinite(least).all():
                 return _score(value, variance, quantile, center, least, most)
-            half = quantile * np.sqrt(variance)
-            return value - half, value + half
+            error, quantiles = np.sqrt(variance), (quantile, -quantile)
+            if self.sizes is not None:
+                skewness = skewness_of_mean(drawn, self.sizes, self.freedom + 1)
+                quantiles = [skewed_quantile(one, skewness) for one in quantiles]
+            return value - quantiles[0] * error, value - quantiles[1] * error
 
         with np.errstate(invalid="ignore", over="ignore"):
             moved = [around(value) for value in (estimate, *endings)]

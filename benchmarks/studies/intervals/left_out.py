@@ -4,7 +4,7 @@ Each session shifts the levels of its taxels, alike in all classes: not at all, 
 Shifts have a standard deviation of 1, as the noise of a sample has. Test sessions are drawn anew in every data set.
 Either models fitted to `TRAINED` sessions, the same in all data sets, predict them (truth: the mean over `MANY`
 sessions), or each session is left out in turn and predicted by models fitted to the others (truth: the mean of all data
-sets). Beside them the intervals with the taps of a session and class as units.
+sets). Beside them the intervals of Student's t, which do not allow for skewness over sessions.
 
 `--document docs/explanation/intervals.md` updates the table of that page.
 """
@@ -14,8 +14,9 @@ from functools import cache, partial
 from typing import Any
 
 import numpy as np
+from scipy import stats
 from solidtouch.analysis.compare.groups import folds_of, scorer
-from solidtouch.analysis.compare.taps import TapScores, join_scores, mean_scores
+from solidtouch.analysis.compare.taps import join_scores, mean_scores
 from solidtouch.models import seeds
 from solidtouch.models.measurement.model import Fitted
 from solidtouch.models.measurement.registry import fit_model
@@ -30,6 +31,8 @@ from benchmarks.study import processes
 
 M, TAXELS, TRAINED, MANY = 6, 8, 6, 4000
 SESSIONS = (2, 3, 5, 10)
+SKEWED = (5, 10)
+"""Sessions of which skewness is allowed for."""
 SHIFTS = {"none": (0.0, TAXELS), "each taxel": (1.0, TAXELS), "all taxels": (1.0, 1)}
 """Standard deviation and number of the shifts of a session."""
 MODELS = ("gaussian", "session:gaussian")
@@ -60,7 +63,7 @@ def trained(shifts: str) -> tuple[TapSet, dict[str, Fitted]]:
 
 
 def measured(how: str, sessions: int, shifts: str, seed: int) -> dict[tuple[str, bool], Seen]:
-    """Each quantity in one data set with its interval, by whether units are sessions and classes."""
+    """Each quantity in one data set with its interval, by whether it is that of Student's t."""
     if how == FIXED:
         train, test, most = trained(shifts)[0], draw(sessions, shifts, seed, first=TRAINED), 1
     else:
@@ -74,17 +77,19 @@ def measured(how: str, sessions: int, shifts: str, seed: int) -> dict[tuple[str,
             fitted = trained(shifts)[1][name] if how == FIXED else fit_model(name, fold.train, grid, _SETTINGS)
             parts[name].append(score(fitted, fold.test, 1.0)["integrated"])
     scores = {name: join_scores(of) for name, of in parts.items()}
-    own = np.concatenate([fold.test.indices(grid)[1] for fold in folds])
-    split = {name: TapScores(one.values, one.cluster * M + own) for name, one in scores.items()}
+    means = mean_scores(scores, MODELS[0], "integrated")
+    per_session = [np.bincount(one.cluster, one.values) / np.bincount(one.cluster) for one in scores.values()]
+    by_session = dict(zip(QUANTITIES, (*per_session, per_session[1] - per_session[0]), strict=True))
     found = {}
-    for classes, units in ((False, scores), (True, split)):
-        means = mean_scores(units, MODELS[0], "integrated")
-        found |= {(key, classes): seen(means.sel(model=m), name) for key, (m, name) in QUANTITIES.items()}
+    for key, (model, name) in QUANTITIES.items():
+        value, error = by_session[key].mean(), stats.sem(by_session[key])
+        found[key, False] = seen(means.sel(model=model), name)
+        found[key, True] = Seen(value, *stats.t.interval(0.95, sessions - 1, value, error))
     return found
 
 
 def run(data_sets: int, seed: int) -> Iterator[tuple[Any, ...]]:
-    """How sessions are left out, their shifts, how many, a quantity, units, and its coverage."""
+    """How sessions are left out, their shifts, how many, a quantity, whether by Student's t, and its coverage."""
     own = [seeds.derived_seed(seed, seeds.Purpose.STUDY, number) for number in range(data_sets)]
     with processes() as workers:
         for how in (FIXED, REFITTED):
@@ -101,15 +106,19 @@ def run(data_sets: int, seed: int) -> Iterator[tuple[Any, ...]]:
 def document(rows: list[tuple[Any, ...]]) -> str:
     """The table of the page: a row for each quantity, coverages by the number of sessions."""
     cells: dict[tuple[Any, ...], dict[Any, str]] = {}
-    for how, shifts, sessions, quantity, classes, found in rows:
+    for how, shifts, sessions, quantity, student, found in rows:
         cell = cells.setdefault((how, shifts, quantity), {})
-        cell[sessions, classes] = share_interval(found.hits, found.n)
-        cell["width", sessions, classes] = f"{found.width:.2f}"
-    heads = [*(f"covers, {sessions} sessions" for sessions in SESSIONS), "width, 10 sessions"]
-    columns = [*((sessions, False) for sessions in SESSIONS), ("width", 10, False), (5, True)]
+        cell[sessions, student] = share_interval(found.hits, found.n)
+        cell["width", sessions, student] = f"{found.width:.2f}"
+    columns: dict[str, tuple[Any, ...]] = {f"covers, {sessions} sessions": (sessions, False) for sessions in SESSIONS}
+    for sessions in SKEWED:
+        columns[f"width, {sessions} sessions"] = "width", sessions, False
+    for sessions in SKEWED:
+        columns[f"Student's t, {sessions} sessions"] = sessions, True
+        columns[f"its width, {sessions} sessions"] = "width", sessions, True
     return table(
-        ["left out", "shift", "log probability", *heads, "5 sessions, units of session and class"],
-        [[*key, *(cell.get(column, "–") for column in columns)] for key, cell in cells.items()],
+        ["left out", "shift", "log probability", *columns],
+        [[*key, *(cell.get(column, "–") for column in columns.values())] for key, cell in cells.items()],
     )
 
 
