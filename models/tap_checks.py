@@ -101,8 +101,8 @@ def not_finite(value: Any, sample: bool) -> str:
     if not sample or not np.isnan(value):
         return f"{told}."
     return (
-        f"{told}. fit, compare, crosscheck, reproduce, trials, tune and perceive leave out samples that are NaN with "
-        '--missing drop (missing="drop").'
+        f"{told}. inspect, fit, compare, crosscheck, reproduce, trials, tune and perceive leave out samples that are "
+        'NaN with --missing drop (missing="drop").'
     )
 
 

@@ -115,7 +115,8 @@ def _variance(split: "xr.Dataset", variance: Row, cause: str) -> Iterator[Block]
         "causes",
         "Causes of the variance of the evidence",
         f"Shares of the variance of the evidence of {variance['taps']} taps of one class and session, with 95% "
-        "intervals over classes; pale bars are not significant.",
+        "intervals over classes; pale bars are not significant. Shares are differences of estimates, so they may lie "
+        "below 0 or above 1.",
         partial(figures.causes, seen(split), cause),
     )
     sizes = [(size["words"], interval(size, "value")) for size in variance["sizes"][2:]]

@@ -44,7 +44,7 @@ class ScoreKind(NamedTuple):
 
 LOG_PROBABILITY = ScoreKind()
 _SKEWED_FROM = 5
-"""Fewest clusters where correcting for skewness covers more than intervals of Student's t, widened as much, would."""
+"""Fewest clusters of one size where correcting for skewness covers more than Student's t, widened as much, would."""
 
 
 class TapScores(NamedTuple):
@@ -195,9 +195,9 @@ def mean_scores(
     sizes = np.bincount(first.cluster)
     C, known = len(sizes), len(sizes) > (1 if first.without is None else 2)
     samples = np.array([_jackknifed(one, C) for one in scores.values()])
-    factor = float((C - 1) / np.sqrt(C) if known else np.nan)
-    skewed = sizes if first.without is None and C >= _SKEWED_FROM else None
-    spread = Spread(factor, freedom=freedom_of(sizes), sizes=skewed)
+    factor, freedom = float((C - 1) / np.sqrt(C) if known else np.nan), freedom_of(sizes)
+    skewed = sizes if first.without is None and round(freedom + 1) >= _SKEWED_FROM else None
+    spread = Spread(factor, freedom=freedom, sizes=skewed)
     attributes = {"long_name": of.long_name, "units": of.units}
     place = names.index(reference)
     result = with_intervals(name, samples, ("model",), place, attributes, spread, limits=of.limits)
