@@ -61,6 +61,7 @@ class TapClassifier(ClassifierMixin, BaseEstimator):  # pyright: ignore[reportGe
         edges: Bin edges, shape (B + 1,) or (K, B + 1), instead of those of the training taps; they replace `bins`.
         method: `"closed"`, `"nuts"`, or for functions `"svi"`, `"map"` or `"laplace"`.
         steps: Maximum number of steps of such a fit.
+        device: Where JAX computes fits of functions and chains: `"cpu"` or `"gpu"`.
         integrate: Number of draws from the posterior over which decisions are integrated.
         unconverged: Whether a fit that did not converge may be used.
         gain_sd: Session models: standard deviation of the log gain between sessions.
@@ -84,6 +85,7 @@ class TapClassifier(ClassifierMixin, BaseEstimator):  # pyright: ignore[reportGe
         edges: ArrayLike | None = None,
         method: str = "closed",
         steps: int | None = None,
+        device: str = "cpu",
         integrate: int = 0,
         unconverged: bool = False,
         gain_sd: float | None = None,
@@ -98,6 +100,7 @@ class TapClassifier(ClassifierMixin, BaseEstimator):  # pyright: ignore[reportGe
         self.edges = edges
         self.method = method
         self.steps = steps
+        self.device = device
         self.integrate = integrate
         self.unconverged = unconverged
         self.gain_sd = gain_sd
