@@ -93,8 +93,12 @@ class SessionSpread(NamedTuple):
         variance, axes = np.linalg.eigh(self.covariance * np.outer(unit, unit))
         sd, axes = np.sqrt(np.maximum(variance[::-1], 0)), axes[:, ::-1] / unit[:, None]
         z = _spread_over(sd, _SHORT)
-        quantiles = np.sqrt(1 + 1 / self.sessions) * stdtrit(max(self.sessions - 1, 1), ndtr(z))
-        return Layout(np.where(axes[0] < 0, -1, 1) * axes * sd, quantiles, _log_prior(z))
+        return Layout(np.where(axes[0] < 0, -1, 1) * axes * sd, self.widened(z), _log_prior(z))
+
+    def widened(self, z: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Quantiles of Student's t distribution of a session beside the known ones, for those of a normal one."""
+        n = self.sessions
+        return np.sqrt(1 + 1 / n) * stdtrit(max(n - 1, 1), ndtr(z)) if n else z
 
     def states(self, layout: "Layout") -> States:
         """States of a layout."""
@@ -205,8 +209,12 @@ class SharedGain(NamedTuple):
             layout, level = spread.layout(), spread.level
             states = spread.states(layout)
         else:
-            both, level = spread.about_zero(*given), 0.0
-            states, layout = state_grid(*both), Layout.independent(*both, spread.level)
+            (gain_sd, offset_sd), level = spread.about_zero(*given), 0.0
+            states, layout = state_grid(gain_sd, offset_sd), Layout.independent(gain_sd, offset_sd, spread.level)
+            for axis, sd in enumerate(given):
+                if sd is None:
+                    layout.z[axis] = spread.widened(layout.z[axis])
+            states = states._replace(gain=np.exp(gain_sd * layout.z[0]), offset=offset_sd * layout.z[1])
         known, live = spread.sessions > 0 or given != (None, None), live_taxels(used.extremes, used.session)
         rest = spread.at_rest(used, layout) if at_rest else used
         return cls(states, rest, edges, used.digests, level, known, np.flatnonzero(~live).tolist())
@@ -216,7 +224,7 @@ class SharedGain(NamedTuple):
         model: Any = fitted.model  # every kind is a dataclass
         gain, offset, _ = self.states
         moved = offset + self.level * (gain - 1)
-        found, unknown = fitted.convergence, "" if self.known else " (a guess, as sessions show no differences)"
+        found, unknown = fitted.convergence, "" if self.known else " (a guess, as no sessions can be compared)"
         told = (
             f"{found.sentence} States: {len(gain)}, gains {gain.min():.3g} to {gain.max():.3g} and offsets "
             f"{moved.min():.2g} to {moved.max():.2g} at level {self.level:.3g}{unknown}."

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy import stats
 from solidtouch.models import storage
 from solidtouch.models.errors import InputError
 from solidtouch.models.measurement.registry import fit_model
@@ -137,8 +138,9 @@ def test_the_model_takes_the_spread_of_its_training_sessions(sessions):
         np.testing.assert_array_equal(found, expected)
     for found, expected in zip(states(gain_sd=0.2, offset_sd=0.0), state_grid(0.2, 0.0), strict=True):
         np.testing.assert_array_equal(found, expected)
-    assert np.log(states(offset_sd=0.0).gain).max() == pytest.approx(2.5 * spread.about_zero(None, 0.0)[0])
-    assert states(gain_sd=0.0).offset.max() == pytest.approx(2.5 * spread.offset_sd)
+    far = np.sqrt(1 + 1 / 3) * stats.t.ppf(stats.norm.cdf(2.5), 2)  # what is estimated is that of a fourth session
+    assert np.log(states(offset_sd=0.0).gain).max() == pytest.approx(far * spread.about_zero(None, 0.0)[0])
+    assert states(gain_sd=0.0).offset.max() == pytest.approx(far * spread.offset_sd)
 
 
 # The level about which gains are
