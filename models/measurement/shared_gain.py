@@ -229,12 +229,17 @@ class SharedGain(NamedTuple):
             f"{found.sentence} States: {len(gain)}, gains {gain.min():.3g} to {gain.max():.3g} and offsets "
             f"{moved.min():.2g} to {moved.max():.2g} at level {self.level:.3g}{unknown}."
         )
-        dead = f"{'Taxel' if len(self.dead) == 1 else 'Taxels'} {', '.join(map(str, self.dead))}"
-        warning = self.dead and f"{dead} of all training taps are constant, but states move them: leave them out."
-        convergence = found._replace(sentence=told, warning=f"{found.warning} {warning or ''}".strip())
+        convergence = found._replace(sentence=told, warning=f"{found.warning} {self._warning()}".strip())
         return fitted._replace(
             model=replace(model, states=self.states, training=self.training), convergence=convergence
         )
+
+    def _warning(self) -> str:
+        if not self.dead:
+            return ""
+        taxels, are, them = ("Taxel", "is", "it") if len(self.dead) == 1 else ("Taxels", "are", "them")
+        named = f"{taxels} {', '.join(map(str, self.dead))}"
+        return f"{named} {are} constant in every training session, but states move {them}: leave {them} out."
 
 
 def state_grid(gain_sd: float, offset_sd: float, gains: int = GAINS, offsets: int = OFFSETS) -> States:
