@@ -42,8 +42,9 @@ def collect(
         from ..hardware.recording.recording import Recorder, check_space, space_needed
         from ..hardware.recording.settings import about_rig
         from ..hardware.rig.open_rig import open_rig
-        from ..hardware.rig.settings import load_rig, read_settings
+        from ..hardware.rig.settings import load_rig
         from ..models.io.recording import naming
+        from ..models.io.toml import read_settings
 
     settings, plan = load_rig(rig_file), load_plan(plan_file)
     plan = plan if session is None else replace(plan, session=session)

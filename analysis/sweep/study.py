@@ -8,13 +8,14 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta, Struct
 
-from ...hardware.rig.settings import Count, parse_settings, read_settings
+from ...hardware.rig.settings import Count
 from ...hardware.simulator.settings import preset
 from ...inference.episode import DEADLINE
 from ...inference.moves.strategies import FORMS, parse_strategy
 from ...inference.reference import Border
 from ...models.errors import InputError
 from ...models.io.recording import naming
+from ...models.io.toml import parse_settings, read_settings
 from ...models.measurement.registry import split_name
 from ...models.settings import learned_taps, likelihood_exponent
 

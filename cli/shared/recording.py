@@ -79,7 +79,8 @@ def _about(rig: str, grid: ClassGrid, what: str | None) -> "About":
 
     from ...hardware.named_rigs import objects
     from ...hardware.recording.settings import about_rig
-    from ...hardware.rig.settings import load_rig, read_settings
+    from ...hardware.rig.settings import load_rig
+    from ...models.io.toml import read_settings
 
     names = objects(grid, what)
     sized = grid.what_value is not None and grid.what_unit == "mm" and len(names) == grid.M

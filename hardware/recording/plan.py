@@ -12,8 +12,9 @@ from msgspec import Meta, Struct
 from ...models.errors import InputError
 from ...models.io.recording import naming
 from ...models.io.rig_recording import TapLabel
+from ...models.io.toml import parse_settings, read_settings
 from ...models.seeds import Purpose, generator
-from ..rig.settings import Count, Positive, RangeSettings, parse_settings, read_settings
+from ..rig.settings import Count, Positive, RangeSettings
 
 _ROUNDING = 1e-6
 _MOST_POSITIONS = 1_000_000

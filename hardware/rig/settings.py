@@ -6,7 +6,6 @@ a tap, rising towards the object. Each axis defines its mapping to machine coord
 
 import math
 import re
-import tomllib
 from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -16,6 +15,7 @@ from msgspec import Meta, Struct
 
 from ...models.errors import InputError
 from ...models.io.recording import naming
+from ...models.io.toml import parse_settings, read_settings
 from ...models.preprocessing import Preprocessing
 
 Positive = Annotated[float, Meta(gt=0)]
@@ -264,42 +264,6 @@ def parse_rig(text: str) -> RigFile:
     rig = parse_settings(text, RigFile)
     _check(rig)
     return rig
-
-
-def read_settings(path: str | Path) -> str:
-    """Text of a settings file.
-
-    Raises:
-        InputError: The file is missing or not UTF-8 text.
-    """
-    try:
-        return Path(path).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot read: {getattr(error, 'strerror', None) or 'not UTF-8'}.") from error
-
-
-def parse_settings[T: Struct](text: str, kind: type[T]) -> T:
-    """Settings read from TOML text, with all keys and types checked.
-
-    Raises:
-        InputError: The text is not TOML, or a key is unknown, missing or of the wrong type.
-    """
-    try:
-        return msgspec.convert(tomllib.loads(text), kind)
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"not TOML: {error}.") from error
-    except msgspec.ValidationError as error:
-        raise InputError(_in_words(str(error))) from error
-
-
-def _in_words(message: str) -> str:
-    """Message `Expected `float` - at `$.tap.depth_mm`` as a sentence that starts with the key."""
-    what, _, where = message.partition(" - at ")
-    what = what.replace("Object contains unknown field", "unknown key").replace(
-        "Object missing required field", "missing key"
-    )
-    key = where.strip("`").removeprefix("$.").removeprefix("$")
-    return f"{key}: {what[0].lower()}{what[1:]}." if key else f"{what[0].lower()}{what[1:]}."
 
 
 def _check(rig: RigFile) -> None:
