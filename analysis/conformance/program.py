@@ -1,22 +1,27 @@
-"""Runs a program in any language with a case on its standard input, robust to crashes and time-outs."""
+"""Runs a program in any language with a case on its standard input, whatever it does."""
 
 import os
+import re
+import selectors
 import shlex
+import shutil
 import signal
 import subprocess
 import tempfile
 import time
-from collections.abc import Callable, Iterable
+from codecs import BOM_UTF8
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
-from threading import Thread
 from typing import IO, NamedTuple
 
 from ...models.errors import InputError
 
 _AT_ONCE = 1 << 16
-_MOST_OUTPUT = 1 << 28  # a quarter of a gigabyte
-_KEPT_ERRORS = 1 << 16
+_MOST = 24 << 20  # bytes of a stream; the answers to all cases together have 10 MB
+_MOST_LINE = 1 << 18  # bytes of a line; the longest answer has 6 kB
+_GRACE_S = 0.1
+_LINE = re.compile(rb"[^ \t\r\n][^\n]*")
 
 
 class Ended(NamedTuple):
@@ -26,11 +31,21 @@ class Ended(NamedTuple):
         output: Its standard output.
         failure: How it failed, as the end of a sentence that begins with "it"; empty where it ended well.
         late: Whether that was for want of time.
+        left: What it left running, likewise; empty where it left nothing.
     """
 
-    output: str
+    output: bytes | bytearray
     failure: str
     late: bool = False
+    left: str = ""
+
+    def lines(self) -> Iterator[tuple[int, str]]:
+        """Number and text of each line that is not blank."""
+        number, begin = 1, 0
+        for line in _LINE.finditer(self.output, 3 * self.output.startswith(BOM_UTF8)):
+            number += self.output.count(b"\n", begin, line.start())
+            begin = line.start()
+            yield number, line[0].decode("utf-8", errors="replace")
 
 
 def split_command(command: str) -> list[str]:
@@ -48,8 +63,23 @@ def split_command(command: str) -> list[str]:
     return words
 
 
-def run_program(words: list[str], lines: Iterable[str], timeout: float) -> Ended:
-    """Runs a program to its end.
+def check_command(words: Sequence[str]) -> None:
+    """Checks that a program can be started.
+
+    Raises:
+        InputError: There is none of this name, or it is not executable.
+    """
+    if shutil.which(words[0]) is None:
+        there = "/" in words[0] and Path(words[0]).exists()
+        reason = "Permission denied" if there else "No such file or directory"
+        raise InputError(f"--command: {words[0]} cannot be run: {reason}.")
+
+
+def run_program(words: Sequence[str], lines: Iterable[str], timeout: float) -> Ended:
+    """Runs a program to its end, with at most 24 MiB of its output in memory.
+
+    It and its process group are stopped after the timeout, and where it writes more than that, or a line of more than
+    256 KiB.
 
     Args:
         words: The program and its arguments.
@@ -68,65 +98,116 @@ def run_program(words: list[str], lines: Iterable[str], timeout: float) -> Ended
             )
         except OSError as error:
             raise InputError(f"--command: {words[0]} cannot be run: {error.strerror}.") from error
-    assert process.stdout is not None  # noqa: S101 - for the type checker
-    assert process.stderr is not None  # noqa: S101
-    output = _Kept(process.stdout, _MOST_OUTPUT, lambda: _kill(process))
-    errors = _Kept(process.stderr, _KEPT_ERRORS)
-    late = False
-    end = time.monotonic() + timeout
+    with process:
+        assert process.stdout is not None  # noqa: S101 - for the type checker
+        assert process.stderr is not None  # noqa: S101
+        output, errors = streams = _Stream(process.stdout), _Stream(process.stderr, " to standard error", _AT_ONCE)
+        end = time.monotonic() + timeout
+        left = ""
+        try:
+            failure = _read(streams, end)
+            with suppress(subprocess.TimeoutExpired):
+                process.wait(0.0 if failure else max(end - time.monotonic(), 0.0))
+            late = process.poll() is None and not failure
+            if late:
+                closed = "" if output.open else "closed its output but "
+                failure = f"{closed}has not ended after {timeout:g} s and was stopped"
+            elif not failure:
+                failure = _failure(process.returncode, errors.kept)
+                left = _left(process.pid, not (output.open or errors.open), timeout)
+        finally:
+            _kill(process.pid)  # also what it has started itself
+            process.wait()
+        end = time.monotonic() + _GRACE_S
+        while (escaped := output.open or errors.open) and time.monotonic() < end:
+            _read(streams, end)
+        if escaped:
+            left = "left a process running that could not be stopped, as it left the process group"
+    return Ended(output.kept, failure, late, left)
+
+
+class _Stream:
+    """What is read of a stream.
+
+    Args:
+        pipe: The stream.
+        name: Its name, behind "writes more than 24 MiB".
+        tail: How many bytes of its end are kept; 0 keeps all.
+    """
+
+    def __init__(self, pipe: IO[bytes], name: str = "", tail: int = 0) -> None:
+        self.pipe, self.open = pipe, True
+        self.kept = bytearray()
+        self._name, self._tail = name, tail
+        self._size = self._line = 0
+
+    def read(self) -> str:
+        """Reads a part of it; returns what is too much, if anything is."""
+        part = os.read(self.pipe.fileno(), _AT_ONCE)
+        self.open = bool(part)
+        self._size += len(part)
+        begin = part.rfind(b"\n") + 1
+        self._line = len(part) - begin + (0 if begin else self._line)
+        if self._size > _MOST:
+            return f"writes more than {_MOST >> 20} MiB{self._name} and was stopped"
+        self.kept += part
+        if self._tail:
+            del self.kept[: -self._tail]
+        elif self._line > _MOST_LINE:
+            return f"writes a line of more than {_MOST_LINE >> 10} KiB and was stopped"
+        return ""
+
+
+def _read(streams: Sequence[_Stream], end: float) -> str:
+    """Reads streams until they are closed or it is too late; returns what is too much, if anything is."""
+    with selectors.DefaultSelector() as selector:
+        for stream in streams:
+            if stream.open:
+                selector.register(stream.pipe, selectors.EVENT_READ, stream)
+        while selector.get_map() and (rest := end - time.monotonic()) > 0:
+            for key, _ in selector.select(rest):
+                if flood := key.data.read():
+                    return flood
+                if not key.data.open:
+                    selector.unregister(key.fileobj)
+    return ""
+
+
+def _left(group: int, closed: bool, timeout: float) -> str:
+    """What a program that has ended left running."""
+    if not closed:
+        return f"left a process running that kept its output open for {timeout:g} s and was stopped"
+    end = time.monotonic() + _GRACE_S
+    while running := _runs(group):
+        if time.monotonic() > end:
+            break
+        time.sleep(_GRACE_S / 10)
+    return "left a process running, which was stopped" if running else ""
+
+
+def _runs(group: int) -> bool:
+    """Whether a process of a group runs; those that have ended and that nobody waits for do not count."""
     try:
-        process.wait(timeout)
-        for kept in (output, errors):  # something that it started may still hold them open
-            kept.join(max(end - time.monotonic(), 0.0))
-    except subprocess.TimeoutExpired:
-        late = True
-    finally:
-        _kill(process)  # also what it has started itself
-        process.wait()
-    output.join(1.0)
-    errors.join(1.0)
-    return Ended(output.text, _failure(process.returncode, late, output.overflowed, errors.text, timeout), late)
+        os.killpg(group, 0)
+    except OSError:
+        return False
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):
+            state, _, of = path.read_text(errors="replace").rpartition(")")[2].split()[:3]
+            if int(of) == group and state != "Z":
+                return True
+    return not Path("/proc/self").exists()
 
 
-class _Kept(Thread):
-    """Reads a stream to its end and keeps the beginning."""
-
-    def __init__(self, stream: IO[bytes], most: int, overflow: Callable[[], None] = lambda: None) -> None:
-        super().__init__(daemon=True)
-        self._stream, self._most, self._overflow = stream, most, overflow
-        self._parts: list[bytes] = []
-        self._size = 0
-        self.overflowed = False
-        self.start()
-
-    def run(self) -> None:
-        with self._stream:
-            while part := self._stream.read1(_AT_ONCE):  # pyright: ignore[reportAttributeAccessIssue]
-                if self._size < self._most:
-                    self._parts.append(part)
-                    self._size += len(part)
-                elif not self.overflowed:
-                    self.overflowed = True
-                    self._overflow()
-
-    @property
-    def text(self) -> str:
-        return b"".join(self._parts).decode("utf-8", errors="replace")
-
-
-def _kill(process: subprocess.Popen[bytes]) -> None:
+def _kill(group: int) -> None:
     with suppress(ProcessLookupError):
-        os.killpg(process.pid, signal.SIGKILL)
+        os.killpg(group, signal.SIGKILL)
 
 
-def _failure(code: int, late: bool, overflowed: bool, errors: str, timeout: float) -> str:
-    if overflowed:
-        return f"writes more than {_MOST_OUTPUT >> 20} MiB"
-    if late:
-        return f"has not ended after {timeout:g} s and was stopped"
+def _failure(code: int, errors: bytearray) -> str:
     if code < 0:
         return f"crashed with signal {_signal_name(-code)}"
-    said = errors.strip().splitlines()
+    said = errors.decode("utf-8", errors="replace").strip().splitlines()
     if code:
         return f"ended with exit code {code}" + (f" and said: {printable(said[-1][:200])}" if said else "")
     return ""
@@ -148,6 +229,8 @@ def read_answers(folder: Path, name: str) -> Ended:
     """Answers that are a file already, as if a program had written them."""
     path = folder / f"{name}.jsonl"
     try:
-        return Ended(path.read_text(encoding="utf-8", errors="replace"), "")
+        with path.open("rb") as file:
+            output = file.read(_MOST + 1)
     except OSError as error:
-        return Ended("", f"cannot be read: {path}: {error.strerror}")
+        return Ended(b"", f"cannot be read: {path}: {error.strerror}")
+    return Ended(output[:_MOST], f"has more than {_MOST >> 20} MiB: {path}" if len(output) > _MOST else "")

@@ -46,7 +46,7 @@ class ConformanceReport(Report):
         return Page(self.title, [Brief(Table(("case", "verdict"), rows, words={1})), *map(Brief, self.sentences)], [])
 
     def _shown(self, passed: bool) -> list[Verdict]:
-        return [verdict for verdict in self.found.values() if passed or verdict.status != "pass"]
+        return [verdict for verdict in self.found.values() if passed or described(verdict) != "pass"]
 
     @property
     def passed(self) -> bool:

@@ -4,6 +4,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import replace
+from functools import cache
 from itertools import islice
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,12 +15,12 @@ from . import routes
 from .answers import ZERO_EVIDENCE, Answer, BadAnswerError, given_answer
 from .case import Case
 from .catalogue import expected
-from .program import Ended, printable, read_answers, run_program
+from .program import Ended, check_command, printable, read_answers, run_program
 from .tolerance import Precision, tolerances
 from .trials import trial_difference
 from .verdict import Verdict, judge, judge_broken, judge_output, left_out
 
-_CASE = re.compile(r'"case"\s*:\s*"([^"]*)"')
+_CASE = re.compile(rb'"case"[ \t]*:[ \t]*"[^"\n]*"')
 
 type Implementation = Callable[[Case], Iterable[Mapping[str, Any]]]
 """An implementation under test: gives the answers to the taps of a case, one after the other."""
@@ -69,6 +70,7 @@ def check_program(words: list[str], cases: Sequence[Case], asked: Asked, togethe
     Raises:
         InputError: There is no such program.
     """
+    check_command(words)
     if not together:
         return _each(cases, asked, lambda case: run_program(words, case.lines(), asked.timeout))
     due = [case for case in cases if left_out(case, asked.precision) is None]
@@ -122,24 +124,40 @@ def _each(cases: Sequence[Case], asked: Asked, output: Callable[[Case], Ended]) 
 
 def _by_case(ended: Ended, cases: Sequence[Case]) -> dict[str, Ended]:
     """The output of a program cut into that of each case; what failed, failed in the last one that it began."""
-    lines: dict[str, list[str]] = {case.name: [] for case in cases}
+    parts = {case.name: bytearray() for case in cases}
     current = cases[0].name if cases else ""
-    for line in ended.output.removeprefix("\ufeff").split("\n"):
-        named = _CASE.search(line)
-        current = named[1] if named and named[1] in lines else current
-        if line.strip():
-            lines[current].append(line)
-    order = list(lines)
+    begin, line, whole = 0, 0, memoryview(ended.output)
+    while named := _other_name(current, *parts).search(ended.output, line):
+        start = ended.output.rfind(b"\n", 0, named.start()) + 1
+        line = ended.output.find(b"\n", named.end()) + 1 or len(ended.output)
+        if _CASE.search(ended.output, start, named.start()) is None:
+            parts[current] += whole[begin:start]
+            begin, current = start, named[1].decode()
+    if parts:
+        parts[current] += whole[begin:]
+    order = list(parts)
     after = order.index(current) if current else 0
-    if ended.late and after + 1 < len(cases) and _complete(cases[after], lines[current]):
+    if ended.late and after + 1 < len(cases) and _complete(cases[after], parts[current]):
         after += 1
     return {
-        name: Ended("\n".join(part), ended.failure if order.index(name) >= after else "")
-        for name, part in lines.items()
+        name: Ended(
+            part,
+            ended.failure if order.index(name) >= after else "",
+            left=ended.left if name == order[-1] else "",
+        )
+        for name, part in parts.items()
     }
 
 
-def _complete(case: Case, lines: Sequence[str]) -> bool:
+@cache
+def _other_name(current: str, *names: str) -> re.Pattern[bytes]:
+    """A pattern of the name of another case than the current one."""
+    others = "|".join(re.escape(name) for name in names if name != current)
+    return re.compile(rb'"case"[ \t]*:[ \t]*"(' + (others or "(?!)").encode() + rb')"')
+
+
+def _complete(case: Case, output: bytearray) -> bool:
     """Whether a program has written all that is due, so that it is stuck in a later case."""
     due = len(case.taps) + (case.training is not None)
+    lines = [line for _, line in islice(Ended(output, "").lines(), due)]
     return len(lines) >= due or (bool(lines) and '"error"' in lines[-1])

@@ -1,7 +1,7 @@
 """Verdict on a program's output for each case: pass, the first difference with its likely cause, or a failure."""
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -24,7 +24,7 @@ class Verdict:
     Attributes:
         case: Its name.
         status: What came of it.
-        sentence: What is wrong, or why it was left out.
+        sentence: What is wrong, why it was left out, or what a program that passes left running.
         tap: The first tap with a difference, counted from 1; 0 is the fit and `None` no tap.
         quantity: What differs there.
         cause: Name of the likeliest mistake, see `causes`.
@@ -70,8 +70,11 @@ def judge_output(case: Case, ended: Ended, precision: Precision, without: Sequen
         precision: Of its numbers.
         without: Quantities that it does not answer.
     """
-    answers, broken = _read(case, ended.output)
-    return judge_broken(case, answers, broken, precision, without, ended.failure)
+    answers, broken = _read(case, ended.lines())
+    verdict = judge_broken(case, answers, broken, precision, without, ended.failure)
+    if not ended.left:
+        return verdict
+    return replace(verdict, sentence=f"{verdict.sentence}; it {ended.left}" if verdict.sentence else f"it {ended.left}")
 
 
 def judge_broken(
@@ -120,13 +123,13 @@ def judge(case: Case, answers: Sequence[Answer], precision: Precision, without: 
     return Verdict(case.name, "differs", found.sentence, found.tap, found.quantity, answers=tuple(answers))
 
 
-def _read(case: Case, output: str) -> tuple[list[Answer], str]:
-    """Answers in order up to the first line that is none, and what is wrong with that."""
+def _read(case: Case, lines: Iterable[tuple[int, str]]) -> tuple[list[Answer], str]:
+    """Answers in order, up to the first line that is none or the first answer too many, and what is wrong."""
     answers: list[Answer] = []
     first = 0 if case.training is not None else 1
-    for number, line in enumerate(output.removeprefix("\ufeff").split("\n"), start=1):
-        if not line.strip():
-            continue
+    for number, line in lines:
+        if len(answers) + first > len(case.taps) + 1:
+            break
         try:
             answer = parse_answer(line, case)
         except BadAnswerError as error:
@@ -181,7 +184,7 @@ def _place(tap: int | None) -> str:
 def described(verdict: Verdict) -> str:
     """A verdict in a line, behind the name of its case."""
     if verdict.status == "pass":
-        return "pass"
+        return f"pass, but {verdict.sentence}" if verdict.sentence else "pass"
     place = _place(verdict.tap) if verdict.status == "differs" else ""
     cause = f"; likely cause: {verdict.about}" if verdict.about else ""
     word = {"differs": "DIFFERS", "failed": "FAILED", "left out": "left out:"}[verdict.status]
