@@ -5,7 +5,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from contextlib import contextmanager
-from threading import Event, local
+from threading import Event, RLock, local
 from typing import Any
 
 from .errors import InputError
@@ -18,7 +18,7 @@ class _Here(local):
     unwanted: tuple[Event, ...] = ()
 
 
-_here = _Here()
+_here, _numpyro = _Here(), RLock()
 
 
 @contextmanager
@@ -50,6 +50,7 @@ def in_order[T](
     tasks: Iterable[Callable[[], T]],
     workers: int,
     alone: Callable[[Any], bool] = lambda task: False,  # noqa: ARG005
+    ahead: int | None = None,
 ) -> Iterator[T]:
     """Results of tasks in their order, computed a few at a time; long ones should call `check_wanted`.
 
@@ -57,15 +58,19 @@ def in_order[T](
         tasks: The tasks.
         workers: Number of threads.
         alone: Tasks that must run in the thread that takes the results.
+        ahead: How many tasks are begun or wait behind the first without a result; default twice the threads.
     """
     if workers == 1:
-        yield from (task() for task in tasks)
+        for task in tasks:
+            check_wanted()
+            yield task()
         return
     waiting: deque[Future[T] | Callable[[], T]] = deque()
     unwanted = *_here.unwanted, Event()
 
     def work(task: Callable[[], T]) -> T:
         _here.unwanted = unwanted
+        check_wanted()
         return task()
 
     def result() -> T:
@@ -76,7 +81,7 @@ def in_order[T](
         try:
             for task in tasks:
                 waiting.append(task if alone(task) else executor.submit(work, task))
-                if len(waiting) > 2 * workers:
+                if len(waiting) > (2 * workers if ahead is None else ahead):
                     yield result()
             while waiting:
                 yield result()
@@ -96,6 +101,13 @@ def other_threads(workers: int) -> Iterator[ThreadPoolExecutor]:
         except BaseException:
             executor.shutdown(wait=False, cancel_futures=True)
             raise
+
+
+@contextmanager
+def one_numpyro() -> Iterator[None]:
+    """Waits while another thread is in such a block, as NumPyro has one stack of handlers for all threads."""
+    with _numpyro:
+        yield
 
 
 def check_wanted(_: int = 0) -> None:

@@ -1,11 +1,13 @@
 """Comparison of measurement models on the same taps at three levels: taps, classes and decisions."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy.optimize  # noqa: F401 - a library that is loaded later would use all cores and round otherwise
 import xarray as xr
 
 from ...inference.trials.records import TapTable, tap_table
@@ -19,15 +21,15 @@ from ...models.measurement.fits.portable import PortableFit
 from ...models.measurement.generic.source import all_registered, take_over
 from ...models.measurement.likelihood.bins import bin_edges
 from ...models.measurement.model import Fitted
-from ...models.measurement.registry import check_states, split_name, suited
+from ...models.measurement.registry import KINDS, NAMES, check_states, measurement_model, split_name, suited
 from ...models.progress import Progress, ShownHere
 from ...models.settings import FitSettings, PlaySettings
 from ...models.taps import TapSet
-from ...models.threads import one_blas_thread
+from ...models.threads import cores, in_order, one_blas_thread
 from ..page.stages import StageClock
 from ..stats.checks import REPLICATES, predictive_checks
 from ..stats.decisions import at_equal_taps, decision_curves, planned, play_models
-from ..tasks.crew import ONE_BY_ONE, Crew
+from ..tasks.crew import ONE_BY_ONE, Crew, on_threads
 from ..tasks.kept import Kept
 from .classes import class_scores
 from .groups import UNITS, known_taps
@@ -127,36 +129,21 @@ def compare_models(
     edges = _edges(train, grid, settings.fit)
     fit = settings.fit.changed(edges=edges, bins=edges.shape[-1] - 1)
     each = ONE_BY_ONE if crew is None else crew
-    fits, learned, refused, seconds = _fit_all(settings.models, train, grid, fit, clock, each)
+    fits, learned, refused, seconds = _fit_all(settings.models, train, grid, fit, clock, crew)
     shared = _shared(fits, test)
-    left_out = _leave_out_taps(fits, train, settings, clock, each)
     how = settings.folds, settings.one_recording, settings.seed
     left = LeftGroups(settings.leave_out, train, test, grid, fit, *how, all_registered(), Kept())
-    groups, elpd, sentence, missing = leave_out_groups(fits, left, clock, crew)
-    checks, incomplete = None, bool(np.isnan(train.taps).any())
-    if settings.draws and incomplete:
-        missing.append("Predictive checks are left out, because training taps have missing samples.")
-    if settings.draws and not incomplete:
-        known = known_taps(train, grid, np.all([f.model.trained for f in fits.values()], axis=0))
-        with clock.stage("Predictive checks", len(fits) * settings.replicates) as advance:
-            checks = predictive_checks(fits, known, settings.seed, settings.replicates, advance, each)
-    with clock.stage("Scoring beliefs", len(fits)) as advance:
-        tables = dict(zip(fits, each(_table, map(PortableFit, fits.values()), shared, advance), strict=True))
-        classes = class_scores(tables, settings.seed, resamples=settings.resamples)
-    table = next(iter(tables.values()))
-    if len(table.pool.count) == 1 and (mixed := sessions_in_words(table)):
-        missing.append(mixed)
-    with clock.stage("Playing trials", planned(len(tables), grid, settings.trials, settings.resamples)) as advance:
-        played = play_models(
-            tables,
-            grid,
-            settings.thresholds,
-            settings.trials,
-            settings.seed,
-            play=settings.play,
-            resamples=settings.resamples,
-            progress=advance,
-        )
+    decided = partial(_decide, fits, shared, grid, settings, clock, each)
+    parts: list[Callable[[], Any]] = [
+        decided,
+        partial(_leave_out_taps, fits, train, settings, clock, each),
+        partial(leave_out_groups, fits, left, clock, crew),
+        partial(_check_predictions, fits, train, grid, settings, clock, each),
+    ]
+    several = crew is None and all(split_name(name)[0] in KINDS for name in fits)  # as NumPyro runs in one thread
+    found = in_order(parts, cores(None) if several else 1, lambda part: part is decided)
+    (classes, played, mixed), left_out, (groups, elpd, sentence, missing), (checks, unchecked) = found
+    missing += [reason for reason in (unchecked, mixed) if reason]
     return Comparison(
         grid=grid,
         fits=fits,
@@ -229,15 +216,20 @@ def _fit(name: str, given: _Training) -> tuple[PortableFit | None, str, float]:
     return PortableFit(fitted), "" if power is None else power.sentence, time.perf_counter() - began
 
 
+def _by_numpyro(name: str) -> bool:
+    """Whether a fit runs NumPyro."""
+    return getattr(measurement_model(split_name(name)[0]), "own_threads", name not in NAMES)
+
+
 def _fit_all(
-    names: Sequence[str], train: TapSet, grid: ClassGrid, fit: FitSettings, clock: StageClock, crew: Crew
+    names: Sequence[str], train: TapSet, grid: ClassGrid, fit: FitSettings, clock: StageClock, crew: Crew | None
 ) -> tuple[dict[str, Fitted], dict[str, str], dict[str, str], dict[str, float]]:
     fits: dict[str, Fitted] = {}
     learned: dict[str, str] = {}
     refused: dict[str, str] = {}
     seconds: dict[str, float] = {}
     given = _Training(train, grid, fit, all_registered(), ShownHere(clock.progress))
-    results = iter(crew(_fit, names, given))
+    results = iter((on_threads(alone=_by_numpyro, ahead=len(names)) if crew is None else crew)(_fit, names, given))
     for name in names:
         with clock.stage(f"Fitting {name}"):
             made, told, seconds[name] = next(results)
@@ -258,6 +250,41 @@ def _shared(fits: dict[str, Fitted], test: TapSet) -> TapSet:
     return known_taps(test, first.grid, np.all([fitted.model.trained for fitted in fits.values()], axis=0))
 
 
+def _decide(
+    fits: dict[str, Fitted], test: TapSet, grid: ClassGrid, settings: CompareSettings, clock: StageClock, crew: Crew
+) -> tuple[xr.Dataset, xr.Dataset, str]:
+    """Scores of beliefs after fixed numbers of taps, trials played, and what these mix, if they do."""
+    with clock.stage("Scoring beliefs", len(fits)) as advance:
+        tables = dict(zip(fits, crew(_table, map(PortableFit, fits.values()), test, advance), strict=True))
+        classes = class_scores(tables, settings.seed, resamples=settings.resamples)
+    table = next(iter(tables.values()))
+    with clock.stage("Playing trials", planned(len(tables), grid, settings.trials, settings.resamples)) as advance:
+        played = play_models(
+            tables,
+            grid,
+            settings.thresholds,
+            settings.trials,
+            settings.seed,
+            play=settings.play,
+            resamples=settings.resamples,
+            progress=advance,
+        )
+    return classes, played, sessions_in_words(table) if len(table.pool.count) == 1 else ""
+
+
+def _check_predictions(
+    fits: dict[str, Fitted], train: TapSet, grid: ClassGrid, settings: CompareSettings, clock: StageClock, crew: Crew
+) -> tuple[xr.Dataset | None, str]:
+    """Predictive checks, or why there are none."""
+    if not settings.draws:
+        return None, ""
+    if np.isnan(train.taps).any():
+        return None, "Predictive checks are left out, because training taps have missing samples."
+    known = known_taps(train, grid, np.all([f.model.trained for f in fits.values()], axis=0))
+    with clock.stage("Predictive checks", len(fits) * settings.replicates) as advance:
+        return predictive_checks(fits, known, settings.seed, settings.replicates, advance, crew), ""
+
+
 def _table(made: PortableFit, test: TapSet) -> TapTable:
     return tap_table(made.fitted.model, test)
 
@@ -268,11 +295,10 @@ class _SingleTaps(NamedTuple):
     taps: TapSet
     draws: int
     seed: int
-    progress: ShownHere
 
 
 def _leave_out_taps_of(made: PortableFit, given: _SingleTaps) -> xr.Dataset:
-    return leave_one_tap_out(made.fitted, given.taps, given.draws, given.seed, given.progress)
+    return leave_one_tap_out(made.fitted, given.taps, given.draws, given.seed)
 
 
 def _leave_out_taps(
@@ -284,10 +310,8 @@ def _leave_out_taps(
     known = known_taps(
         train, next(iter(fits.values())).model.grid, np.all([f.model.trained for f in fits.values()], axis=0)
     )
-    given = _SingleTaps(known, settings.draws, settings.seed, ShownHere())
-    results, parts = iter(crew(_leave_out_taps_of, map(PortableFit, with_posterior.values()), given)), []
-    for name in with_posterior:
-        with clock.stage(f"Leaving out taps, {name}", settings.draws) as given.progress.show:
-            parts.append(next(results))
+    given = _SingleTaps(known, settings.draws, settings.seed)
+    with clock.stage("Leaving out taps", len(with_posterior)) as advance:
+        parts = list(crew(_leave_out_taps_of, map(PortableFit, with_posterior.values()), given, advance))
     names = xr.DataArray(np.array(list(with_posterior), dtype=np.str_), dims="model", name="model")
     return xr.concat(parts, dim=names, join="outer", data_vars="all").assign_attrs(draws=settings.draws)

@@ -7,7 +7,7 @@ diagnostic allows, which a sample of the taps decides, and exactly where a close
 """
 
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -63,13 +63,7 @@ class TapScores(NamedTuple):
     without: NDArray[np.float64] | None = None
 
 
-def leave_one_tap_out(
-    fitted: Fitted,
-    taps: TapSet,
-    draws: int,
-    seed: int,
-    progress: Callable[[int], None] | None = None,
-) -> xr.Dataset:
+def leave_one_tap_out(fitted: Fitted, taps: TapSet, draws: int, seed: int) -> xr.Dataset:
     """Importance sampled leave-one-out of training taps, by ArviZ.
 
     A model is ranked by it only if it works for every tap, so a random sample comes first. Where it fails for one of
@@ -82,11 +76,11 @@ def leave_one_tap_out(
     order = generator(seed, Purpose.SINGLE_TAPS).permutation(len(taps))
     looked_at, (psis, k) = np.zeros(len(taps), dtype=bool), np.full((2, len(taps)), np.nan)
     good_k = GOOD_K
-    for chosen, count in ((order[:SAMPLE], progress), (order[SAMPLE:], None)):
+    for chosen in (order[:SAMPLE], order[SAMPLE:]):
         if not len(chosen) or not (k[looked_at] <= good_k).all():
             break
         looked_at[chosen] = True
-        psis[chosen], k[chosen], good_k = _importance_sampled(fitted, taps.select(chosen), draws, seed, count)
+        psis[chosen], k[chosen], good_k = _importance_sampled(fitted, taps.select(chosen), draws, seed)
     result = xr.Dataset(
         {"psis": ("tap", psis), "pareto_k": ("tap", k), "looked_at": ("tap", looked_at), "good_k": good_k}
     )
@@ -99,7 +93,7 @@ def leave_one_tap_out(
 
 
 def _importance_sampled(
-    fitted: Fitted, taps: TapSet, draws: int, seed: int, progress: Callable[[int], None] | None
+    fitted: Fitted, taps: TapSet, draws: int, seed: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
     """Log probability of each tap given the others and its Pareto k, shape (N,) both, and the largest good k."""
     import arviz as az  # noqa: PLC0415
@@ -107,8 +101,6 @@ def _importance_sampled(
     log_probability = np.empty((draws, len(taps)))
     for i, (_, values) in enumerate(drawn(fitted, taps, draws, seed)):
         log_probability[i] = values
-        if progress is not None:
-            progress(1)
     bins = (("chain", "draw", "tap"), log_probability[None])
     tree = xr.DataTree.from_dict({"log_likelihood": xr.Dataset({"bins": bins})})
     with warnings.catch_warnings():

@@ -69,12 +69,17 @@ def cluster(scheduler: str, workers: int | None, patience_s: float, note: Callab
     return on_cluster(scheduler, patience_s, note)
 
 
-def on_threads(workers: int | None = None, alone: Callable[[Any], bool] = lambda item: False) -> Crew:  # noqa: ARG005
+def on_threads(
+    workers: int | None = None,
+    alone: Callable[[Any], bool] = lambda item: False,  # noqa: ARG005
+    ahead: int | None = None,
+) -> Crew:
     """Tasks on threads of this process, or one after the other.
 
     Args:
         workers: Number of threads, by default one per core.
         alone: Items whose tasks must run in the thread that takes the results.
+        ahead: See `in_order`.
     """
 
     def results(
@@ -84,7 +89,7 @@ def on_threads(workers: int | None = None, alone: Callable[[Any], bool] = lambda
         advance: Callable[[int], object] = lambda done: None,  # noqa: ARG005
     ) -> Iterator[Any]:
         tasks = (partial(work, item, shared) for item in items)
-        for result in in_order(tasks, cores(workers), lambda task: alone(task.args[0])):
+        for result in in_order(tasks, cores(workers), lambda task: alone(task.args[0]), ahead):
             advance(1)
             yield result
 

@@ -6,6 +6,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..threads import one_numpyro
 from .fits.posterior import Convergence, Sites, check_cells
 from .fits.priors import Taps
 from .likelihood.bins import TableForm
@@ -77,9 +78,11 @@ class StudentPosterior(NamedTuple):
         import jax
 
         key = jax.random.key(int(generator.integers(2**31)))
-        return {name: np.asarray(values, dtype=np.float64) for name, values in self.sampled(key).items()}
+        with one_numpyro():
+            return {name: np.asarray(values, dtype=np.float64) for name, values in self.sampled(key).items()}
 
 
+@one_numpyro()
 def fit(taps: Taps) -> StudentPosterior:
     """Variational posterior of `story`, from few weighted samples in place of all."""
     import jax

@@ -5,7 +5,7 @@ import time
 from concurrent.futures import CancelledError
 
 import pytest
-from solidtouch.models.threads import check_wanted, cores, in_order, one_core, other_threads
+from solidtouch.models.threads import check_wanted, cores, in_order, one_core, one_numpyro, other_threads
 
 
 @pytest.mark.parametrize("workers", [1, 3])
@@ -66,3 +66,41 @@ def test_a_failure_drops_what_has_not_begun():
     assert running.done()
     assert waiting[1].cancelled()
     assert done == ["running"]
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_tasks_of_a_task_do_not_begin_when_nobody_wants_their_results(workers):
+    begun, stopped, done = threading.Event(), threading.Event(), []
+
+    def long():
+        for _ in in_order([lambda i=i: done.append(i) for i in range(99)], workers):
+            begun.set()
+            stopped.wait(10)
+
+    results = in_order([lambda: begun.wait(10), long, lambda: time.sleep(0.1)], 2)
+    assert next(results)
+    threading.Timer(0.1, stopped.set).start()
+    results.close()
+
+    assert 0 < len(done) < 99
+
+
+def test_as_many_tasks_as_asked_for_are_begun_ahead():
+    begun = threading.Event()
+    tasks = [lambda: begun.wait(10), *[lambda: None] * 9, lambda: begun.set() or True]
+
+    assert next(in_order(tasks, 2, ahead=len(tasks)))
+
+
+def test_numpyro_runs_in_one_thread_at_a_time():
+    inside, most = [], []
+
+    def task():
+        with one_numpyro(), one_numpyro():
+            inside.append(1)
+            most.append(len(inside))
+            time.sleep(0.01)
+            inside.pop()
+
+    list(in_order([task] * 4, 4))
+    assert most == [1] * 4

@@ -78,8 +78,7 @@ def test_a_sample_of_taps_decides_whether_the_others_are_looked_at(samples, look
     )
     few = taps if samples > 1 else TapSet(taps.dataset.isel(taxel=slice(0, 1)).assign(what=("tap", np.zeros(300, int))))
     fitted = fit_model("histogram", few, few.grid(), SETTINGS.changed(bins=5))
-    counted = []
-    result = leave_one_tap_out(fitted, few, 400, 0, counted.append)
+    result = leave_one_tap_out(fitted, few, 400, 0)
     found = _single(result)
 
     assert result["looked_at"].sum() == found["psis_taps"] == looked_at
@@ -87,7 +86,6 @@ def test_a_sample_of_taps_decides_whether_the_others_are_looked_at(samples, look
     assert (found["psis"] is None) == (looked_at < 300)  # a mean over some taps beside exact ones over all
     assert np.isfinite(result["psis"]).sum() == looked_at
     assert np.isfinite(result["exact"]).all()
-    assert sum(counted) == 400
 
 
 def test_taps_without_a_pareto_k_are_not_ranked():
