@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from importlib.metadata import version as installed_version
-from typing import Annotated, Any
+from typing import Annotated, Any, NoReturn
 
 from .shared.interrupt import INTERRUPTED, MESSAGE, TERMINATED, loading, repeated
 from .shared.process import collect_seldom, keep_programs, leave
@@ -13,7 +13,7 @@ from .shared.process import collect_seldom, keep_programs, leave
 with loading():
     import typer
 
-    from ..models.errors import InputError
+    from ..models.errors import InputError, printable
     from .audit import audit
     from .collect import collect
     from .compare import compare
@@ -116,24 +116,19 @@ def run() -> None:
         with _without_dask(), repeated():
             _command()()
     except EnginesDisagree as error:
-        print(f"solidtouch: {error}", file=sys.stderr)
-        sys.exit(1)
+        _refuse(error, 1)
     except RigError as error:
-        print(f"solidtouch: {error}", file=sys.stderr)
-        sys.exit(3)
+        _refuse(error, 3)
     except InputError as error:
-        print(f"solidtouch: {error}", file=sys.stderr)
-        sys.exit(2)
+        _refuse(error, 2)
     except MemoryError as error:
-        print(f"solidtouch: not enough memory ({error}).", file=sys.stderr)
-        sys.exit(2)
+        _refuse(f"not enough memory ({error}).", 2)
     except ArithmeticError as error:
         from ..inference.reference import ZeroEvidenceError
 
         if not isinstance(error, ZeroEvidenceError):
             raise
-        print(f"solidtouch: {error}", file=sys.stderr)
-        sys.exit(2)
+        _refuse(error, 2)
     except KeyboardInterrupt:  # outside a command; Typer turns those inside into exit codes
         print(MESSAGE, file=sys.stderr)
         sys.exit(INTERRUPTED)
@@ -141,6 +136,11 @@ def run() -> None:
         if stop.code in (INTERRUPTED, TERMINATED):
             print(MESSAGE, file=sys.stderr)
         raise
+
+
+def _refuse(reason: object, code: int) -> NoReturn:
+    print(f"solidtouch: {'\n'.join(map(printable, str(reason).split('\n')))}", file=sys.stderr)
+    sys.exit(code)
 
 
 @contextmanager

@@ -1,10 +1,15 @@
-"""Errors that a user can fix, and checks of numbers."""
+"""Errors that a user can fix, checks of numbers, and text that can be printed."""
 
+import unicodedata
+from hashlib import blake2b
 from numbers import Integral, Real
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
+
+_JOINERS = "\u200c\u200d"  # of letters and of emoji
+_LONGEST_NAME = 80
 
 
 class InputError(ValueError):
@@ -67,3 +72,32 @@ def check_numbers(values: "ArrayLike", name: str) -> "NDArray[Any]":
     if array.dtype.kind not in "fiub":
         raise InputError(f"{name} must hold numbers, got {array.dtype}.")
     return array
+
+
+def printable(text: str) -> str:
+    r"""Text with escapes for characters that control a terminal or the direction of what follows.
+
+    >>> print(printable("6 mm\n\x1b[31m rod"))
+    6 mm\n\x1b[31m rod
+    """
+    if text.isprintable():
+        return text
+    return "".join(_escaped(letter) for letter in text)
+
+
+def printable_name(name: object) -> str:
+    """A name that can be printed; one of more than 80 characters is cut and ends in a number of its own.
+
+    >>> printable_name("rod " * 100)
+    'rod rod rod rod rod rod rod rod rod rod rod rod rod rod rod rod rod ro… 03318369'
+    """
+    text = printable(str(name))
+    if len(text) <= _LONGEST_NAME:
+        return text
+    return f"{text[: _LONGEST_NAME - 10].rstrip()}… {blake2b(text.encode(), digest_size=4).hexdigest()}"
+
+
+def _escaped(letter: str) -> str:
+    if letter.isprintable() or unicodedata.category(letter) == "Zs" or letter in _JOINERS:
+        return letter
+    return letter.encode("unicode_escape").decode("ascii")

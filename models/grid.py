@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .errors import InputError, check_numbers
+from .errors import InputError, check_numbers, printable, printable_name
 
 _LENGTHS_M = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6}
 _MOST_CELLS = 1e6
@@ -38,7 +38,7 @@ class ClassGrid:
         where_unit: Unit of `where_value` and `where_edges`.
         where_edges: Class `l` covers `[where_edges[l], where_edges[l + 1])`, shape (L + 1,); `None` if the classes
             are the listed values themselves.
-        what_members: Names of the objects in each object class, `M` tuples.
+        what_members: Names of the objects in each object class, `M` tuples; see `errors.printable_name`.
         what_value: Reported value of each object class, shape (M,), or `None` if objects have no size.
         what_unit: Unit of `what_value`.
 
@@ -58,6 +58,8 @@ class ClassGrid:
         for name in ("where_value", "where_edges", "what_value"):
             object.__setattr__(self, name, _numbers(getattr(self, name), name))
         object.__setattr__(self, "what_members", _members(self.what_members))
+        for name in ("where_unit", "what_unit"):
+            object.__setattr__(self, name, printable(getattr(self, name)))
         if self.L < 1 or self.M < 1:
             raise InputError(f"A class grid needs at least one position and one object, got {self.L} and {self.M}.")
         if not np.all(np.diff(self.where_value) > 0):
@@ -237,7 +239,7 @@ def _members(objects: Sequence[str | Sequence[str]]) -> tuple[tuple[str, ...], .
         members = ((),)
     if isinstance(objects, str) or not all(names and all(isinstance(name, str) for name in names) for names in members):
         raise InputError(f"what_members of a class grid must be the names of the objects, got {objects!r}.")
-    return members
+    return tuple(tuple(map(printable_name, names)) for names in members)
 
 
 def parse_length(text: str, unit: str, option: str) -> float:

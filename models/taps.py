@@ -42,7 +42,7 @@ from .blocks import (
     tap_digests,
     write_in_blocks,
 )
-from .errors import InputError, check_numbers
+from .errors import InputError, check_numbers, printable, printable_name
 from .grid import ClassGrid, group, parse_length, values_from_names
 from .preprocessing import Preprocessing
 from .settings import Missing, check_missing
@@ -259,12 +259,12 @@ class TapSet:
     @property
     def what_name(self) -> list[str]:
         """Names of the objects."""
-        return [str(name) for name in self.dataset["what_name"].values]
+        return [printable_name(name) for name in self.dataset["what_name"].values]
 
     @property
     def where_unit(self) -> str:
         """Unit of the positions."""
-        return self.dataset["where"].attrs.get("units", "")
+        return printable(str(self.dataset["where"].attrs.get("units", "")))
 
     @cached_property
     def preprocessing(self) -> Preprocessing:
@@ -386,7 +386,7 @@ class TapSet:
         if "what_value" not in self.dataset.coords:
             return None, ""
         values = self.dataset["what_value"]
-        return values.values, values.attrs.get("units", "")
+        return values.values, printable(str(values.attrs.get("units", "")))
 
     def indices(self, grid: ClassGrid) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Position and object index of each tap in `grid`, -1 if outside; two arrays of shape (N,)."""

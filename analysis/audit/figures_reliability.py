@@ -26,6 +26,7 @@ from ..page.figure_style import (
     label_panel,
     line_bundle,
     new_figure,
+    short,
     styled,
 )
 from ..stats.reliability import EVERYTHING, after_contacts, at_stopping
@@ -189,7 +190,7 @@ def plot_wrong(axes: Axes, data: xr.Dataset) -> Axes:
     axes.plot(x, _shown(together["doubt"].values), color="grey", linewidth=0.8, linestyle="--", label="1 − belief")
     named = data.sizes["what"] <= _NAMED + 1
     for name, style in _objects(data):
-        axes.plot(x, _shown(data["wrong"].sel(what=name).values), label=name if named else None, **style)
+        axes.plot(x, _shown(data["wrong"].sel(what=name).values), label=short(str(name)) if named else None, **style)
     if not named:
         axes.plot([], [], color=OTHERS, linewidth=0.6, label="each")
     low, high = (_shown(together[f"wrong{end}"].values) for end in ("_low", "_high"))
@@ -232,7 +233,7 @@ def plot_promises(axes: Axes, data: xr.Dataset) -> Axes:
                 color=styles[name]["color"],
                 marker=styles[name].get("marker", "o"),
                 markerfacecolor=styles[name]["color"] if filled else "white",
-                label=name if filled and not (grey and name != EVERYTHING) else None,
+                label=short(str(name)) if filled and not (grey and name != EVERYTHING) else None,
             )
     if grey:
         axes.plot([], [], "o", color=OTHERS, markersize=2, label="each")

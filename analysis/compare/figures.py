@@ -16,7 +16,7 @@ from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter
 from numpy.typing import NDArray
 
 from ...models.grid import ClassGrid
-from ..page.figure_style import TWO_COLUMNS, axis_label, band, label_panel, new_figure, styled
+from ..page.figure_style import TWO_COLUMNS, axis_label, band, label_panel, new_figure, short, styled
 
 _COLOURS = (
     "#cc6677",
@@ -180,7 +180,9 @@ def plot_against_taps(axes: Axes, curves: xr.Dataset, name: str, policy: str) ->
         between = np.unique(np.concatenate([times, np.geomspace(times[0], times[-1], 200)[1:-1]]))
         names = (name, f"{name}_low", f"{name}_high")
         dense = xr.Dataset({key: ("taps", np.interp(between, times, data[key].values)) for key in names})
-        axes.plot(between, dense[name].values, label=model, markevery=np.searchsorted(between, times).tolist(), **style)
+        axes.plot(
+            between, dense[name].values, label=short(model), markevery=np.searchsorted(between, times).tolist(), **style
+        )
         band(axes, between, dense, name, style["color"])
     axes.set(title=policy, ylabel=_label(curves, name), ylim=(0, _ROOM * top if top > 0 else None))
     _time_axis(axes, curves["taps"].values.ravel())
@@ -196,7 +198,7 @@ def plot_miscalibration(axes: Axes, curves: xr.Dataset, policy: str) -> Axes:
     theta = curves["theta"].values
     for model, style in _styles(curves).items():
         data = curves.sel(model=model)
-        axes.plot(theta, data["miscalibration"].values, label=model, **style)
+        axes.plot(theta, data["miscalibration"].values, label=short(model), **style)
         band(axes, theta, data, "miscalibration", style["color"])
     axes.set(title=policy, xlabel="belief threshold", ylabel=_LABELS["miscalibration"], xlim=(0, 1.02))
     return axes
@@ -242,7 +244,7 @@ def _dots(axes: Axes, data: xr.Dataset, name: str, dim: str, *, joined: bool) ->
             value,
             yerr=np.where(np.isfinite(bars), bars, 0.0),
             elinewidth=0.6,
-            label=model,
+            label=short(model),
             **style if joined else {**style, "linestyle": "none"},
         )
     axes.margins(x=0.06)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .figure_style import ONE_COLUMN, TWO_COLUMNS, every, label_panel, new_figure, styled
+from .figure_style import ONE_COLUMN, TWO_COLUMNS, every, label_panel, new_figure, short, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -53,7 +53,7 @@ def plot_confusion(axes: Axes, table: ArrayLike, labels: Sequence[str]) -> AxesI
     M = len(labels)
     image = axes.imshow(share, cmap="Blues", vmin=0, vmax=1)
     shown = range(0, M, 1 if M <= _NUMBERS_UP_TO else -(-M // 16))
-    names = [labels[m] for m in shown]
+    names = [short(labels[m]) for m in shown]
     slant = {"rotation": 45, "ha": "right", "rotation_mode": "anchor"} if every(names, 30) > 1 else {}
     axes.set_xticks(shown, names, **slant)
     axes.set_yticks(shown, names)

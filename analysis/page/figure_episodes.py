@@ -18,6 +18,7 @@ from .figure_style import (
     label_panel,
     line_bundle,
     new_figure,
+    short,
     short_unit,
     styled,
 )
@@ -80,9 +81,9 @@ def class_label(grid: ClassGrid, index: int) -> str:
     """A joint class in words, such as `"8 mm rod at 7.5 mm"`; `index` counts over (L, M) flattened."""
     l, m = np.unravel_index(index, grid.shape)
     if grid.L == 1:
-        return grid.what_name[m]
+        return short(grid.what_name[m])
     place = f"{grid.where_value[l]:g} {short_unit(grid.where_unit)}".strip()
-    return f"{grid.what_name[m]} at {place}"
+    return f"{short(grid.what_name[m])} at {place}"
 
 
 @styled

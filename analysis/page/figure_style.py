@@ -11,7 +11,7 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from functools import wraps
+from functools import cache, wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 ONE_COLUMN = 3.4  # inches
 TWO_COLUMNS = 7.0
 _PNG_DPI = 200
+_MOST_LETTERS = 28
+_FONT = "DejaVu Sans"
 MOST_FACTOR = 1000.0  # beyond which the size of a factor says nothing
 
 PASSIVE = "#c8102e"
@@ -52,7 +54,7 @@ TWELVE = (
 )  # CARTO "Safe", told apart under the common colour deficiencies
 
 _STYLE: dict[Any, Any] = {
-    "font.family": "DejaVu Sans",  # comes with matplotlib, so figures look alike everywhere
+    "font.family": _FONT,  # comes with matplotlib, so figures look alike everywhere
     "font.size": 8,
     "axes.titlesize": 8,
     "axes.labelsize": 8,
@@ -89,9 +91,33 @@ def styled[**P, R](draw: Callable[P, R]) -> Callable[P, R]:
         import matplotlib as mpl  # noqa: PLC0415
 
         with mpl.rc_context(_STYLE):
-            return draw(*args, **kwargs)
+            drawn = draw(*args, **kwargs)
+            if hasattr(drawn, "subfigs"):
+                _make_plain(drawn)
+            return drawn
 
     return drawn
+
+
+def _make_plain(figure: Any) -> None:
+    """Has texts drawn letter by letter, as names may hold `$`, which begins a formula."""
+    from matplotlib.text import Text  # noqa: PLC0415
+    from matplotlib.ticker import LogFormatter  # noqa: PLC0415
+
+    scales = [axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)]
+    powers = [axis for axis in scales if isinstance(axis.get_major_formatter(), LogFormatter)]
+    formulas = {id(text) for axis in powers for text in axis.findobj(Text)}
+    for text in figure.findobj(Text):
+        if id(text) not in formulas:
+            text.set_parse_math(False)
+
+
+@cache
+def _letters() -> set[int]:
+    """What the font can draw."""
+    from matplotlib.font_manager import findfont, get_font  # noqa: PLC0415
+
+    return set(get_font(findfont(_FONT)).get_charmap())
 
 
 _TARGET: ContextVar[Figure | SubFigure | None] = ContextVar("target", default=None)
@@ -144,9 +170,16 @@ def save(figure: Figure, folder: str | Path, name: str, most: float = np.inf) ->
     return svg, png
 
 
+def short(name: str) -> str:
+    """A name for labels, at most 28 characters, with squares for those that the font lacks."""
+    name = name if len(name) <= _MOST_LETTERS else f"{name[: _MOST_LETTERS - 9]}…{name[-8:]}"
+    name = "".join(each if ord(each) in _letters() else "\N{WHITE SQUARE}" for each in name)
+    return f"\N{ZERO WIDTH SPACE}{name}" if name.startswith("_") else name  # legends leave out what begins with it
+
+
 def short_unit(unit: str) -> str:
     """A unit up to its first comma, semicolon or bracket, for labels."""
-    return re.split("[,;(]", unit, maxsplit=1)[0].strip()
+    return short(re.split("[,;(]", unit, maxsplit=1)[0].strip())
 
 
 def axis_label(quantity: str, unit: str) -> str:

@@ -6,10 +6,12 @@ from collections.abc import Callable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple
+from warnings import warn
 
 from jinja2 import Environment, StrictUndefined, Template
 from markupsafe import Markup
 
+from ...models.errors import InputError
 from .figure_style import save
 from .page import Page, Picture, brief, spans
 
@@ -30,7 +32,9 @@ class Image(NamedTuple):
     width: int
 
 
-def write_page(folder: Path, page: Page, summary: Mapping[str, Any], name: str, images: Mapping[str, Image]) -> None:
+def write_page(
+    folder: Path, page: Page, summary: Mapping[str, Any], name: str, images: Mapping[str, Image | str]
+) -> None:
     """Writes a page and the numbers behind it into a folder.
 
     Args:
@@ -45,24 +49,33 @@ def write_page(folder: Path, page: Page, summary: Mapping[str, Any], name: str, 
     (folder / "report.html").write_text(render_page(page, images), encoding="utf-8")
 
 
-def draw_pictures(folder: Path, pictures: Sequence[Picture], advance: Callable[[int], object]) -> dict[str, Image]:
-    """Writes figures into a folder, and returns them for a page by name."""
-    images = {}
+def draw_pictures(
+    folder: Path, pictures: Sequence[Picture], advance: Callable[[int], object]
+) -> dict[str, Image | str]:
+    """Writes figures into a folder, and returns them for a page by name, or why one could not be drawn."""
+    images: dict[str, Image | str] = {}
     for picture in pictures:
-        figure = picture.draw()
-        if figure is not None:
-            files = save(figure, folder, picture.name, _IMAGE_BYTES // len(pictures))
-            images[picture.name] = embedded(files, round(96 * figure.get_figwidth()))
+        try:
+            figure = picture.draw()
+            if figure is not None:
+                files = save(figure, folder, picture.name, _IMAGE_BYTES // len(pictures))
+                images[picture.name] = embedded(files, round(96 * figure.get_figwidth()))
+        except InputError:  # of the folder
+            raise
+        except Exception as error:  # a figure must not cost the results
+            reason = f"The figure {picture.name} could not be drawn: {type(error).__name__}, {error}"
+            images[picture.name] = reason
+            warn(reason, stacklevel=2)
         advance(1)
     return images
 
 
-def render_page(page: Page, images: Mapping[str, Image] | None = None) -> str:
+def render_page(page: Page, images: Mapping[str, Image | str] | None = None) -> str:
     """The page as text.
 
     Args:
         page: What it shows.
-        images: Its figures by name; those without one are left out.
+        images: Its figures by name, or why one is missing; others are left out.
     """
     return _template().render(page=page, images=images or {}, style=_file("page.css"), whole=True)
 

@@ -9,6 +9,7 @@ from rich.padding import Padding
 from rich.table import Table as RichTable
 from rich.text import Text
 
+from ...models.errors import printable
 from .page import Brief, Cautions, Listing, Note, Page, Section, Table, briefs, spans
 
 _WIDEST = 500  # characters
@@ -90,5 +91,5 @@ def _text(text: str) -> Text:
     """With strong words in bold; of links the words."""
     shown = Text()
     for words, kind in spans(text):
-        shown.append(words, "bold" if kind == "strong" else "")
+        shown.append("\n".join(map(printable, words.split("\n"))), "bold" if kind == "strong" else "")
     return shown

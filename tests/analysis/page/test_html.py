@@ -160,6 +160,21 @@ def test_drawn_figures_are_counted_and_need_not_be_drawn_again(tmp_path):
     assert {path.name for path in (tmp_path / "again").iterdir()} == {"report.html", "summary.json"}
 
 
+def test_a_figure_that_cannot_be_drawn_costs_no_other(tmp_path):
+    """The page tells why it is missing."""
+
+    def fail():
+        raise ZeroDivisionError("no <taps>")
+
+    pictures = [Picture("fig0", "Title", "Caption", fail), *PAGE.pictures]
+    with pytest.warns(UserWarning, match="fig0 could not be drawn: ZeroDivisionError, no <taps>"):
+        images = draw_pictures(tmp_path, pictures, lambda _: None)
+    page = Parsed(render_page(Page("T", pictures, []), images))
+
+    assert [image["alt"] for image in page.of("img")] == ['Title. Caption "1" & more']
+    assert "The figure fig0 could not be drawn: ZeroDivisionError, no <taps>" in page.text
+
+
 def test_large_drawings_are_embedded_as_pixels(tmp_path):
     """But where their pixels would be larger still."""
     svg, png = tmp_path / "a.svg", tmp_path / "a.png"
