@@ -45,41 +45,63 @@ class Commands:
         return (yield from self._gcode(line, jog=False)) if line else 0
 
     def _system(self, line: str) -> Command:
-        if line.startswith("$J"):
-            return (yield from self._jog(line))
-        if line in {"$", "$G", "$X"}:
-            return self._tell(line)
-        if self._cpu.moves and not (line == "$$" and self._cpu.jogging):
-            return _NOT_IDLE
-        if line == "$H":
-            return (yield from self._home())
+        """Executes a `$` line (system.c)."""
+        cpu, kind, rest = self._cpu, line[1:2], line[2:]
+        if kind == "J":
+            if cpu.state not in {"Idle", "Jog"} or (cpu.moves and not cpu.jogging):
+                return _NOT_IDLE
+            return (yield from self._gcode(line[3:], jog=True)) if rest.startswith("=") else _UNKNOWN_COMMAND
+        if kind in "$GCX":
+            return self._any_time(kind) if not rest else _UNKNOWN_COMMAND
+        at_rest = cpu.state in {"Idle", "Alarm"} and not cpu.moves
+        return (yield from self._stored(line)) if at_rest else _NOT_IDLE
+
+    def _stored(self, line: str) -> Command:
+        """Homing, and what is stored."""
+        cpu, kind, rest = self._cpu, line[1], line[2:]
+        if kind == "H":
+            return (yield from self._home(rest))
+        if kind in "#IN" and not rest:
+            return self._print(kind)
+        if kind == "I" and rest.startswith("="):  # stored, as a setting is
+            return (yield from self._write(0, cpu.memory[0]))
         if match := _WRITE.fullmatch(line):
             return (yield from self._write(int(match[1]), float(match[2]))) if match[2] else _BAD_NUMBER
-        return self._print(line)
+        return _UNKNOWN_COMMAND if kind in "#IRS" or kind.isdigit() else _BAD_NUMBER
 
-    def _jog(self, line: str) -> Command:
-        if self._cpu.locked or (self._cpu.moves and not self._cpu.jogging):
-            return _NOT_IDLE
-        return (yield from self._gcode(line[3:], jog=True)) if line[2:3] == "=" else _UNKNOWN_COMMAND
-
-    def _tell(self, line: str) -> int:
-        if line == "$X" and self._cpu.locked:
-            self._cpu.say(grbl_report.UNLOCKED)
-            self._cpu.locked = False
-        elif line != "$X":
-            self._cpu.say(grbl_report.HELP if line == "$" else grbl_report.parser_state(self._modal))
+    def _any_time(self, kind: str) -> int:
+        """`$`, `$$`, `$G`, `$C` or `$X`."""
+        cpu = self._cpu
+        if kind == "":
+            cpu.say(grbl_report.HELP)
+        elif kind == "$":
+            if cpu.held or (cpu.moves and not cpu.jogging):
+                return _NOT_IDLE
+            for text in cpu.memory.lines():
+                cpu.say(text)
+        elif kind == "G":
+            cpu.say(grbl_report.parser_state(self._modal))
+        elif kind == "X" and cpu.locked:
+            cpu.say(grbl_report.UNLOCKED)
+            cpu.locked = False
+        elif kind == "C" and cpu.checking:
+            cpu.say(grbl_report.DISABLED)
+            cpu.restarts = True
+        elif kind == "C":
+            if cpu.state != "Idle":
+                return _NOT_IDLE
+            cpu.say(grbl_report.ENABLED)
+            cpu.checking = True
         return 0
 
-    def _print(self, line: str) -> int:
-        memory, settings = self._cpu.memory, self._cpu.settings
-        if line == "$$":
-            texts = memory.lines()
-        elif line == "$I":
+    def _print(self, kind: str) -> int:
+        settings = self._cpu.settings
+        if kind == "I":
             texts = grbl_report.build_info(settings.version, settings.receive_bytes)
-        elif line == "$#":
-            texts = grbl_report.offsets(settings.work_offset_mm, inches=bool(memory[13]))
+        elif kind == "N":
+            texts = ["$N0=", "$N1="]
         else:
-            return _UNKNOWN_COMMAND
+            texts = grbl_report.offsets(settings.work_offset_mm, inches=bool(self._cpu.memory[13]))
         for text in texts:
             self._cpu.say(text)
         return 0
@@ -94,12 +116,15 @@ class Commands:
         cpu.planner.axes = cpu.memory.axes
         return code
 
-    def _home(self) -> Command:
-        """Homes silently; a status requested meanwhile is sent at the end."""
+    def _home(self, rest: str) -> Command:
+        """Homes silently; a status requested meanwhile is sent at the end. After more text it stays in state Home."""
         cpu = self._cpu
         if not cpu.memory[22]:
             return _NO_HOMING
-        cpu.homing, cpu.locked, cpu.listens = True, False, False
+        cpu.homing, cpu.locked = True, False
+        if rest:
+            return _UNKNOWN_COMMAND
+        cpu.listens = False
         cpu.machine.start_homing(cpu.now_s)
         yield from cpu.pause(cpu.settings.homing_s)
         cpu.machine.end_homing()
@@ -120,7 +145,7 @@ class Commands:
         if block.dwell_s is not None:
             yield from cpu.until_done()
             yield from cpu.pause(block.dwell_s)
-        if block.axes:
+        if block.axes and not cpu.checking:
             if (fault := cpu.switches.strikes("refuse_move", cpu.now_s)) is not None:
                 return int(fault.get("code", _LOCKED))
             target_mm = self._aim(block)
@@ -138,7 +163,7 @@ class Commands:
         target = list(self._target_mm)
         for axis, value in block.axes.items():
             zero = 0.0 if block.machine else self._cpu.settings.work_offset_mm[axis]
-            target[axis] = value + (zero if block.absolute else target[axis])
+            target[axis] = value + (zero if block.absolute or block.machine else target[axis])
         return target[0], target[1], target[2]
 
     def _move(self, target_mm: Vector, speed_mm_s: float, *, jog: bool) -> None:

@@ -12,7 +12,7 @@ from .settings import ControllerSettings
 __all__ = ["Controller", "ControllerSettings"]
 
 _AS_BUILT = ControllerSettings()
-_RESET, _STATUS, _HOLD, _RESUME, _JOG_CANCEL = 0x18, ord("?"), ord("!"), ord("~"), 0x85
+_RESET, _STATUS, _HOLD, _RESUME, _DOOR, _JOG_CANCEL = 0x18, ord("?"), ord("!"), ord("~"), 0x84, 0x85
 
 
 class Controller:
@@ -31,6 +31,7 @@ class Controller:
             _STATUS: self._firmware.ask_status,
             _HOLD: self._firmware.hold,
             _RESUME: self._firmware.resume,
+            _DOOR: self._firmware.open_door,
             _JOG_CANCEL: self._firmware.cancel_jog,
         }
 
@@ -45,7 +46,7 @@ class Controller:
         self._firmware.advance(time_s)
 
     def receive(self, data: bytes, time_s: float) -> None:
-        """Takes bytes. Unsupported real-time commands are discarded, including feed overrides and the safety door."""
+        """Takes bytes. Feed, rapid and spindle overrides are discarded; a jog ignores them on a real controller too."""
         self._firmware.advance(time_s)
         for byte in data:
             if byte in b"\r\n?" and self._firmware.runs and self._switches.strikes("brown_out", time_s) is not None:

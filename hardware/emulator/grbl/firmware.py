@@ -93,15 +93,31 @@ class Firmware:
         """`!`: brakes and keeps the remaining path; a jog is cancelled instead."""
         if self._cpu.jogs:
             self.cancel_jog()
-        elif self._obeys():
-            self._cpu.planner.hold(self._cpu.now_s)
-            self._cpu.held, self._cpu.suspended_until = True, math.inf
+        elif self._obeys() and not self._cpu.checking:
+            self._suspend()
+
+    def open_door(self) -> None:
+        """0x84: as `!`, in state Door; a jog is cancelled first."""
+        cpu = self._cpu
+        if cpu.listens and not (cpu.locked or cpu.checking or cpu.homing):
+            self.cancel_jog()
+            cpu.say(grbl_report.DOOR)
+            cpu.door = True
+            self._suspend()
+
+    def _suspend(self) -> None:
+        cpu = self._cpu
+        if cpu.jogs:  # braking after its cancellation
+            cpu.planner.cancel(cpu.now_s)
+        else:
+            cpu.planner.hold(cpu.now_s)
+        cpu.held, cpu.suspended_until = True, math.inf
 
     def resume(self) -> None:
         """`~`: resumes after a hold is complete."""
         if self._cpu.held and not self._cpu.moves:
             self._cpu.planner.resume(self._cpu.now_s)
-            self._cpu.held, self._cpu.suspended_until = False, -math.inf
+            self._cpu.held, self._cpu.door, self._cpu.suspended_until = False, False, -math.inf
 
     def cancel_jog(self) -> None:
         """0x85: during a jog, brakes and drops the remaining path; lines wait until it is at rest."""
@@ -139,6 +155,8 @@ class Firmware:
             code = yield from self._commands.execute(line)
             self._in_line = False
             self._answer(code)
+            if self._cpu.restarts:
+                yield from self._restart(None)
 
     def _while_suspended(self) -> Program:
         while self._cpu.now_s < self._cpu.suspended_until:

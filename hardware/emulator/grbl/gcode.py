@@ -1,7 +1,8 @@
 """G-code of the emulated controller: lines, dwell, units, distance modes and jogs.
 
-Order of checks and error numbers are those of GRBL's gcode.c. Arcs, probing, offsets, spindles and program flow are
-not supported: their words give error 20.
+Order of checks and error numbers are those of GRBL's gcode.c, including what a damaged line does: a number is cut to
+eight digits, the number of a G word to one byte, and a jog without axis words goes to machine zero. Arcs, probing,
+offsets, spindles and program flow are recognised as far as a jog with them is refused; otherwise they give error 20.
 """
 
 import math
@@ -10,11 +11,23 @@ from typing import NamedTuple
 
 _INCH_MM = 25.4
 _WORD = re.compile(r"([A-Z])([+-]?(?:\d+\.?\d*|\.\d+))")
-_GROUP = {4: 0, 53: 0, 0: 1, 1: 1, 17: 2, 90: 3, 91: 3, 94: 5, 20: 6, 21: 6, 40: 7, 49: 8, 54: 12, 61: 13}
+_GROUP = (
+    dict.fromkeys((4, 10, 28, 30, 53, 92), 0)
+    | dict.fromkeys((0, 1, 2, 3, 80), 1)
+    | dict.fromkeys((17, 18, 19), 2)
+    | dict.fromkeys((90, 91), 3)
+    | dict.fromkeys((93, 94), 5)
+    | dict.fromkeys((20, 21), 6)
+    | {40: 7, 49: 8, 61: 13}
+    | dict.fromkeys(range(54, 60), 12)
+)
 """Modal group of each G word; a line holds at most one word of a group."""
-_M_GROUP = {3: -7, 4: -7, 5: -7, 7: -8, 8: -8, 9: -8}
+_OWN_AXES, _MOTIONS, _ARCS, _NO_MOTION = {10, 28, 30, 92}, {0, 1, 2, 3}, {2, 3}, 80
+_NOT_EMULATED = {2, 3, 10, 18, 19, 28, 30, 55, 56, 57, 58, 59, 92, 93}
+_M_GROUP = {0: -4, 1: -4, 2: -4, 30: -4, 3: -7, 4: -7, 5: -7, 7: -8, 8: -8, 9: -8}
 _VALUES, _NEVER_NEGATIVE = frozenset("FIJKLNPRSTXYZ"), frozenset("FNPST")
 _JOG_GROUPS = {0, 3, 6}
+_DIGITS, _LAST_LINE, _LAST_TOOL = 8, 10_000_000, 255
 
 
 class LineRefused(Exception):
@@ -33,7 +46,7 @@ class Modal(NamedTuple):
     """Modal state, which carries over from line to line.
 
     Attributes:
-        motion: 0 or 1, as in the G word.
+        motion: 0, 1 or, with motion words cancelled, 80, as in the G word.
         absolute: Whether targets are positions rather than distances.
         inches: Whether lengths are inches.
         feed_mm_min: Speed of G1; 0 if not set.
@@ -79,31 +92,53 @@ def parse(text: str, modal: Modal, *, jog: bool) -> Block:
     codes, groups, values = _words(text)
     inches = 20 in codes or (modal.inches and 21 not in codes)
     absolute = 90 in codes or (modal.absolute and 91 not in codes)
-    motion = 1 if jog or 1 in codes else 0 if 0 in codes else modal.motion
+    motion = next(iter(codes & {*_MOTIONS, _NO_MOTION}), 1 if jog else modal.motion)
     unit = _INCH_MM if inches else 1.0
+    axes = {axis: values[name] * unit for axis, name in enumerate("XYZ") if name in values}
+    if values.get("N", 0.0) >= _LAST_LINE + 1:
+        raise LineRefused(27)
     if jog and "F" not in values:
         raise LineRefused(22)
     feed = values["F"] * unit if "F" in values else modal.feed_mm_min
-    axes = {axis: values[name] * unit for axis, name in enumerate("XYZ") if name in values}
     dwell_s = values.get("P", None) if 4 in codes else None
     if 4 in codes and dwell_s is None:
         raise LineRefused(28)
-    if motion == 1 and (axes or 1 in groups or jog):
-        _check_line(feed, axes)
-    used = set("FNXYZ") | (set() if jog else set("ST")) | (set("P") if 4 in codes else set())
-    if set(values) - used:
+    if codes & {10, 92} and not axes:
+        raise LineRefused(26)
+    moves = bool(codes & _MOTIONS) or (bool(axes) and not codes & _OWN_AXES)
+    _check_motion(codes, motion if moves or motion == _NO_MOTION else None, feed, axes, values)
+    used = set("FN") | (set() if jog else set("ST")) | (set("P") if 4 in codes else set())
+    used |= set("IJKR") if motion in _ARCS else set()
+    if set(values) - used - (set("XYZ") if moves or codes & _OWN_AXES else set()):
         raise LineRefused(36)
-    if jog and (groups - _JOG_GROUPS or 4 in codes):
+    if jog and (groups - _JOG_GROUPS or 4 in codes or codes & _OWN_AXES):
         raise LineRefused(16)
+    if codes & _NOT_EMULATED or -4 in groups:
+        raise LineRefused(20)
     after = modal if jog else Modal(motion, absolute, inches, feed)
+    if jog and not axes:  # measured on GRBL 1.1h
+        return Block(after, dict.fromkeys(range(3), 0.0), True, True, feed, None)
     return Block(after, axes, absolute, 53 in codes, feed if motion == 1 else math.inf, dwell_s)
 
 
-def _check_line(feed: float, axes: dict[int, float]) -> None:
-    if feed == 0.0:
+def _check_motion(
+    codes: set[int], motion: int | None, feed: float, axes: dict[int, float], values: dict[str, float]
+) -> None:
+    """Checks a motion, None for a line without one."""
+    if 53 in codes and motion not in {None, 0, 1}:
+        raise LineRefused(30)
+    if motion == _NO_MOTION and axes:
+        raise LineRefused(31)
+    if motion in {1, *_ARCS} and feed == 0.0:
         raise LineRefused(22)
+    if motion not in _ARCS:
+        return
     if not axes:
         raise LineRefused(26)
+    if not axes.keys() & {0, 1}:
+        raise LineRefused(32)
+    if not values.keys() & set("RIJ"):
+        raise LineRefused(35)
 
 
 def _words(text: str) -> tuple[set[int], set[int], dict[str, float]]:
@@ -118,32 +153,47 @@ def _words(text: str) -> tuple[set[int], set[int], dict[str, float]]:
         match = _WORD.match(text, at)
         if match is None:
             raise LineRefused(2)
-        letter, number = match[1], float(match[2])
+        letter, number = match[1], _number(match[2])
         at = match.end()
         if letter in "GM":
-            group = _group(letter, number)
+            code = math.trunc(number) % 256
+            group = _group(letter, code, number)
+            if letter == "G" and codes & (_OWN_AXES | _MOTIONS) and code in _OWN_AXES | _MOTIONS:
+                raise LineRefused(24)
             if group in groups:
                 raise LineRefused(21)
             groups.add(group)
-            codes |= {int(number)} if letter == "G" else set()
+            codes |= {code} if letter == "G" else set()
         else:
             _check_value(letter, number, values)
             values[letter] = number
     return codes, groups, values
 
 
-def _group(letter: str, number: float) -> int:
+def _number(text: str) -> float:
+    """Value of a number, of whose digits only the first eight count (nuts_bolts.c)."""
+    digits, kept = 0, ""
+    whole, dot, fraction = text.partition(".")
+    for character in whole + dot + fraction[: max(0, _DIGITS - len(whole.lstrip("+-")))]:
+        digits += character.isdigit()
+        kept += "0" if digits > _DIGITS and character.isdigit() else character
+    return float(kept)
+
+
+def _group(letter: str, code: int, number: float) -> int:
     known = _GROUP if letter == "G" else _M_GROUP
-    if int(number) not in known:
+    if code not in known and (letter == "G" or number == code):
         raise LineRefused(20)
-    if number != int(number):
-        raise LineRefused(23)
-    return known[int(number)]
+    if round(100 * (number - code)) % 65536:
+        raise LineRefused(20 if code in {28, 30, 49, 61, 90, 92} else 23)
+    return known[code]
 
 
 def _check_value(letter: str, number: float, values: dict[str, float]) -> None:
     if letter not in _VALUES:
         raise LineRefused(20)
+    if letter == "T" and number > _LAST_TOOL:
+        raise LineRefused(38)
     if letter in values:
         raise LineRefused(25)
     if number < 0 and letter in _NEVER_NEGATIVE:

@@ -91,7 +91,10 @@ class Processor:
         pressed: Letters of the limit switches that are pressed.
         homing: Whether it is homing.
         jogging: Whether the pending lines are jogs.
-        held: Whether a feed hold is active.
+        held: Whether a feed hold or the safety door is active.
+        door: Whether it is the safety door.
+        checking: Whether it only checks G-code (`$C`).
+        restarts: Whether it restarts after the current line.
         listens: Whether it answers `?`.
         resets: Whether it obeys a reset.
         deaf_until: Time until which interrupts are off.
@@ -119,7 +122,7 @@ class Processor:
         self.asked_s: float | None = None
         self.deaf_until = self.suspended_until = -math.inf
         self.listens = self.resets = True
-        self.homing = self.jogging = self.held = False
+        self.homing = self.jogging = self.held = self.door = self.checking = self.restarts = False
 
     @property
     def moves(self) -> bool:
@@ -173,7 +176,7 @@ class Processor:
         self.asked_s = None
         if self.switches.strikes("silent_status", self.now_s) is not None:
             return
-        state = self._state()
+        state = self.state
         text = grbl_report.status(
             state,
             self.machine.believed_mm(self.now_s),
@@ -190,12 +193,16 @@ class Processor:
             text = f"{text[:at]}{grbl_report.PROGRAM_END}\r\n{text[at:]}"
         self.say(text)
 
-    def _state(self) -> str:
+    @property
+    def state(self) -> str:
+        """State as in a report."""
         if self.homing or self.locked:
             return "Home" if self.homing else "Alarm"
+        if self.checking:
+            return "Check"
         move = self.planner.current(self.now_s)
         if self.held:
-            return "Hold:0" if move is None else "Hold:1"
+            return ("Door:0" if self.door else "Hold:0") if move is None else ("Door:2" if self.door else "Hold:1")
         if move is None or move.start_s > self.now_s:
             return "Idle"
         return "Jog" if self.jogging else "Run"

@@ -9,6 +9,9 @@ _BUSY = frozenset({"Home", "Run", "Hold:0", "Hold:1", "Jog"})
 
 LOCKED = "[MSG:'$H'|'$X' to unlock]"
 UNLOCKED = "[MSG:Caution: Unlocked]"
+ENABLED = "[MSG:Enabled]"
+DISABLED = "[MSG:Disabled]"
+DOOR = "[MSG:Check Door]"
 CRITICAL = "[MSG:Reset to continue]"
 PROGRAM_END = "[MSG:Pgm End]"
 HELP = "[HLP:$$ $# $G $I $N $x=val $Nx=line $J=line $SLP $C $X $H ~ ! ? ctrl-x]"

@@ -101,7 +101,7 @@ def test_a_jog_that_another_program_left_running_is_waited_for(bench, loop):
     assert rig.stage.homed
 
 
-@pytest.mark.parametrize("left", [b"$J=G53G21X-50F60", b"$", b"$H", b"$1=25", b"(", b"$J=G53G21X-5", b"G1X-5F1", b"$X"])
+@pytest.mark.parametrize("left", [b"$J=G53G21X-50F60", b"$", b"$1=25", b"(", b"$J=G53G21X-5", b"G1X-5F1", b"$X"])
 def test_half_a_command_left_by_another_program_is_not_completed(bench, left):
     rig = bench()
     rig.port.write(left)
@@ -111,6 +111,16 @@ def test_half_a_command_left_by_another_program_is_not_completed(bench, left):
     assert rig.stage.report.values[1] == 255
     assert rig.stands_still()
     rig.stage.path(TAP)
+
+
+def test_half_a_homing_left_by_another_program_is_not_completed(bench):
+    """The firmware refuses it, but stays in its homing state."""
+    rig = bench()
+    rig.port.write(b"$H")
+    with pytest.raises(StageFault, match="was in state Home for 5 s"):
+        rig.stage.connect()
+
+    assert rig.place_mm == (0.0, 0.0)
 
 
 def test_stopping_in_the_middle_of_a_tap_comes_to_rest_at_once(bench, loop):

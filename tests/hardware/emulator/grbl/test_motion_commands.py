@@ -158,3 +158,52 @@ def test_asking_for_the_place_changes_nothing(times):
 
     assert asked.timed(2.0) == left.timed(2.0)
     assert asked.status() == left.status()
+
+
+def test_a_jog_without_axis_words_goes_to_machine_zero(line):
+    """Measured on GRBL 1.1h: the axis words may be lost on the wire."""
+    line.say(b"$J=X-50Y-40F3000\n", 3.0)
+    assert line.say(b"$J=G53G90G21F3000\n", 3.0) == b"ok\r\n"
+
+    assert line.place == (0.0, 0.0, 0.0)
+
+
+def test_machine_coordinates_are_never_distances(line):
+    line.say(b"$J=G53G91X-50F3000\n", 3.0)
+
+    assert line.place == (-50.0, -1.0, -1.0)
+
+
+def test_digits_behind_the_eighth_do_not_count(line):
+    for number, x_mm in [(b"-0000000.9", -0.9), (b"-00000000.9", 0.0), (b"-0000005.55", -5.5)]:
+        line.say(b"$J=X" + number + b"F3000\n", 1.0)
+        assert line.place == (x_mm, -1.0, -1.0)
+
+
+def test_a_door_cancels_a_jog_and_a_resume_closes_it(line):
+    line.say(b"$J=X-101F3000\n", 0.5)
+
+    assert line.say(b"\x84", 0.2) == b"[MSG:Check Door]\r\n"
+    assert line.state() == "Door:0"
+    here = line.place
+    assert line.say(b"$J=X-5F3000\n", 0.5) == b""
+    assert line.place == here
+    assert line.say(b"~", 1.0) == b"ok\r\n"
+    assert line.place == (-5.0, -1.0, -1.0)
+
+
+def test_check_mode_moves_nothing_and_ends_in_a_restart(line):
+    line.say(b"$C\n")
+
+    assert line.state() == "Check"
+    assert line.say(b"G0X-50\n$J=X-50F3000\n", 1.0) == b"ok\r\nerror:8\r\n"
+    assert line.place == (-1.0, -1.0, -1.0)
+    assert line.say(b"$C\n") == b"[MSG:Disabled]\r\nok\r\n\r\nGrbl 1.1h ['$' for help]\r\n"
+    assert line.state() == "Idle"
+
+
+def test_homing_with_more_text_moves_nothing_and_stays_in_its_state(line):
+    assert line.say(b"$H$I\n", 6.0) == b"error:3\r\n"
+    assert line.state() == "Home"
+    assert line.say(b"$J=X-50F3000\n", 1.0) == b"error:8\r\n"
+    assert b"ALARM:6" in line.say(b"\x18", 1.0)
