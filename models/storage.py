@@ -10,7 +10,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, cast
 
@@ -88,6 +88,49 @@ ON_DISK = 1 << 28
 """Bytes above which samples stay on disk."""
 
 
+_DENSEST = 250  # times the size of a file that its content may have; measured samples are packed 2 to 30 times
+
+
+def check_size(path: Path, declared: int, in_memory: int | None = None) -> None:
+    """Checks the size of what a file says that it holds, before it is read.
+
+    Args:
+        path: The file or folder.
+        declared: Bytes of its arrays, unpacked.
+        in_memory: How many of them are in memory at once; default all.
+
+    Raises:
+        InputError: They are more than 256 MiB and 250 times the file, or more than the memory that is available.
+    """
+    if declared > ON_DISK and declared > _DENSEST * (held := _size(path)):
+        raise InputError(
+            f"declares arrays of {in_bytes(declared)} in {in_bytes(held)}; more than {_DENSEST} times its size is not "
+            "read."
+        )
+    needed, there = declared if in_memory is None else in_memory, available_memory()
+    if needed > there:
+        raise InputError(f"needs {in_bytes(needed)} of memory, but {in_bytes(there)} are available.")
+
+
+def _size(path: Path) -> int:
+    return sum(file.stat().st_size for file in (path.rglob("*") if path.is_dir() else (path,)))
+
+
+def in_bytes(number: int) -> str:
+    """A number of bytes with a unit, such as `"8.7 GB"`."""
+    power = min(max(len(str(number)) - 1, 0) // 3, 6)
+    return f"{number / 1000**power:.3g} {('bytes', 'kB', 'MB', 'GB', 'TB', 'PB', 'EB')[power]}"
+
+
+def available_memory() -> int:
+    """Bytes of memory that programs can still have; all of it where the system does not tell, 1 TB if unknown."""
+    with suppress(OSError), Path("/proc/meminfo").open(encoding="ascii") as lines:
+        return 1024 * next(int(line.split()[1]) for line in lines if line.startswith("MemAvailable"))
+    with suppress(AttributeError, ValueError, OSError):
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    return 10**12
+
+
 def spooled(
     parts: Iterable[Any], shape: tuple[int, ...], dtype: "DTypeLike", order: Literal["C", "F"] = "C"
 ) -> "NDArray[Any] | None":
@@ -137,6 +180,8 @@ def read_groups(path: str | Path, names: Iterable[str], on_disk: str = "") -> "d
             file.visititems(lambda *_: None)  # if this fails, xarray would leave the file open
             there = {name for name in names if name in file}
         return {name: _group(path, name, on_disk) if name in there else xr.Dataset() for name in names}
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
     except Exception as error:  # on damaged bytes these libraries raise almost any exception
         raise InputError(f"{path}: not a netCDF file, or truncated.") from error
 
@@ -145,7 +190,7 @@ def _group(path: Path, name: str, on_disk: str) -> "xr.Dataset":
     import xarray as xr  # noqa: PLC0415
 
     dataset = xr.open_dataset(path, group=name, engine="h5netcdf", decode_times=False, cache=False)
-    if _load_small(dataset, on_disk):
+    if _load_small(path, dataset, on_disk):
         dataset.close()
     return dataset
 
@@ -165,15 +210,18 @@ def read_zarr(path: str | Path, on_disk: str = "") -> "xr.Dataset":
         raise InputError(f"{path}: is a file, expected a Zarr store, which is a folder.")
     try:
         dataset = xr.open_dataset(path, engine="zarr", chunks=None, consolidated=False, decode_times=False, cache=False)
-        _load_small(dataset, on_disk)
+        _load_small(path, dataset, on_disk)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
     except Exception as error:  # on damaged bytes these libraries raise almost any exception
         raise InputError(f"{path}: not a Zarr store with arrays, or damaged.") from error
     return dataset
 
 
-def _load_small(dataset: "xr.Dataset", on_disk: str) -> bool:
+def _load_small(path: Path, dataset: "xr.Dataset", on_disk: str) -> bool:
     """Reads a dataset, but for a large variable of this name; whether that was all of it."""
     large = {on_disk} & set(dataset.data_vars) if dataset.nbytes > ON_DISK else set()
+    check_size(path, dataset.nbytes, dataset.nbytes - sum(dataset[name].nbytes for name in large))
     for each, variable in dataset.variables.items():
         if each not in large:
             variable.load()

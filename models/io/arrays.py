@@ -24,24 +24,15 @@ under its own name.
 """
 
 import json
-import os
-import struct
-import zipfile
-import zlib
 from collections.abc import Mapping
-from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from .. import storage
-from ..blocks import BLOCK
 from ..errors import InputError
 from ..settings import Missing
-from .recording import Labels, Recording, as_samples
+from .recording import Labels, Recording, as_samples, check_real
 
 ROW_VECTORS = ("what", "where", "session", "trial")
 TABLE_VECTORS = ("what_names", "what_values", "where_values", "where_edges")
@@ -62,10 +53,8 @@ def recording_from_arrays(arrays: Arrays, missing: Missing = "refuse") -> Record
         InputError: An array is missing or has the wrong shape or content, or labels point outside their table; the
             message names the array and the place.
     """
-    name, axes = ("stream", "(S, K)") if "stream" in arrays and "taps" not in arrays else ("taps", "(N, J, K)")
-    samples = as_samples(name, _required(arrays, name), missing)
-    if samples.ndim != len(axes.split(",")) or 0 in samples.shape:
-        raise InputError(f"array {name} must have shape {axes} without empty axes, got {samples.shape}.")
+    name = check_layout(arrays)
+    samples = as_samples(name, arrays[name], missing)
     meta = _meta(arrays)
     extra, left_out = _extra(arrays, samples)
     what, names = _whole(arrays, "what", len(samples)), _names(arrays)
@@ -83,7 +72,47 @@ def recording_from_arrays(arrays: Arrays, missing: Missing = "refuse") -> Record
     return Recording(samples, labels, _rate(meta), file, left_out)
 
 
-def _required(arrays: Arrays, name: str) -> NDArray[Any]:
+def check_present(arrays: Mapping[str, Any]) -> str:
+    """Checks that no array is missing.
+
+    Returns:
+        Name of the array of samples, `"taps"` or `"stream"`.
+
+    Raises:
+        InputError: One is.
+    """
+    samples = "stream" if "stream" in arrays and "taps" not in arrays else "taps"
+    for name in (samples, "what", "what_names"):
+        _required(arrays, name)
+    return samples
+
+
+def check_layout(arrays: Mapping[str, Any]) -> str:
+    """Checks the names, types and shapes of arrays, or of what a file declares of them; returns as `check_present`.
+
+    Raises:
+        InputError: An array is missing or has the wrong type or shape.
+    """
+    name = check_present(arrays)
+    samples, names, axes = arrays[name], arrays["what_names"], {"taps": "(N, J, K)", "stream": "(S, K)"}[name]
+    check_real(name, samples)
+    if len(samples.shape) != len(axes.split(",")) or 0 in samples.shape:
+        raise InputError(f"array {name} must have shape {axes} without empty axes, got {samples.shape}.")
+    check_real("what", arrays["what"])
+    if names.dtype.kind not in "US" or len(names.shape) != 1:
+        raise InputError(f"array what_names must be a list of text, got {names.dtype} of shape {names.shape}.")
+    if not names.shape[0]:
+        raise InputError("array what_names is empty.")
+    return name
+
+
+def is_used(name: str, values: Any, samples: Any) -> bool:
+    """Whether a tap set holds an array, by its name or because it has one row, of one or K numbers, per tap."""
+    n, k = samples.shape[0], samples.shape[-1]
+    return name in KNOWN or (values.shape in ((n,), (n, k)) and values.dtype.kind in "fiubU")
+
+
+def _required(arrays: Mapping[str, Any], name: str) -> Any:
     if name not in arrays:
         there = ", ".join(sorted(arrays)) or "none"
         raise InputError(f"missing array {name}; the file holds: {there}.")
@@ -118,12 +147,7 @@ def _check_range(name: str, index: NDArray[np.int64], size: int, table: str) -> 
 
 
 def _names(arrays: Arrays) -> tuple[str, ...]:
-    names = _required(arrays, "what_names")
-    if names.dtype.kind not in "US" or names.ndim != 1:
-        raise InputError(f"array what_names must be a list of text, got {names.dtype} of shape {names.shape}.")
-    if not len(names):
-        raise InputError("array what_names is empty.")
-    return tuple(_decoded(name) for name in names)
+    return tuple(_decoded(name) for name in arrays["what_names"])
 
 
 def _decoded(text: Any) -> str:
@@ -200,11 +224,10 @@ def _attributes(meta: Mapping[str, Any]) -> dict[str, str]:
 
 def _extra(arrays: Arrays, samples: NDArray[Any]) -> tuple[dict[str, NDArray[Any]], tuple[str, ...]]:
     """Further arrays with one row per tap, and the names of those with another shape or non-numeric content."""
-    n, k = len(samples), samples.shape[-1]
     extra, left_out = {}, []
     for name in sorted(set(arrays) - KNOWN):
         values = arrays[name]
-        fits = values.shape in ((n,), (n, k)) and values.dtype.kind in "fiubU"
+        fits = is_used(name, values, samples)
         if fits and name in _TAKEN:
             raise InputError(f"array {name} must be renamed: the name is reserved in a tap set.")
         if fits:
@@ -212,65 +235,3 @@ def _extra(arrays: Arrays, samples: NDArray[Any]) -> tuple[dict[str, NDArray[Any
         else:
             left_out.append(f"{name} {values.shape}")
     return extra, tuple(left_out)
-
-
-_NAME_LENGTH = 26  # where the length of its name stands in the header of a member
-_DAMAGE = (zipfile.BadZipFile, zlib.error, OSError, EOFError, ValueError, RuntimeError, MemoryError)
-
-
-def read_npz(path: Path) -> dict[str, NDArray[Any]]:
-    """Arrays of an archive; a large one is mapped, so that it need not fit into memory, a compressed one once unpacked.
-
-    Raises:
-        InputError: The file is not an archive, is damaged, or contains pickled objects.
-    """
-    if not zipfile.is_zipfile(path):
-        raise InputError("not an npz archive, or truncated.")
-    try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            return {name: _member(path, archive, name) for name in archive.files}
-    except InputError:
-        raise
-    except _DAMAGE as error:
-        raise InputError(f"damaged npz archive ({error}).") from error
-
-
-def _mapped(path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> NDArray[Any] | None:
-    """Large array as a map of its file, whose checksum is not compared, or of a temporary one if it is compressed.
-
-    `None` for one that must be read instead.
-    """
-    if member.file_size <= storage.ON_DISK:
-        return None
-    stored = member.compress_type == zipfile.ZIP_STORED
-    with path.open("rb") if stored else archive.open(member) as file:
-        if stored:
-            file.seek(member.header_offset + _NAME_LENGTH)
-            name, extra = struct.unpack("<HH", file.read(4))
-            file.seek(name + extra, os.SEEK_CUR)
-        header = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}.get(npy.read_magic(file))
-        if header is None:
-            return None
-        shape, by_column, dtype = header(file)
-        if dtype.hasobject:
-            return None
-        order = "F" if by_column else "C"
-        if stored:
-            return np.memmap(path, dtype, "r", file.tell(), shape, order)
-        return storage.spooled(iter(partial(file.read, BLOCK), b""), shape, dtype, order)
-
-
-def _member(path: Path, archive: Any, name: str) -> NDArray[Any]:
-    try:
-        member = archive.zip.NameToInfo.get(f"{name}.npy")
-        mapped = None if member is None else _mapped(path, archive.zip, member)
-        values = archive[name] if mapped is None else mapped
-    except ValueError as error:
-        if "allow_pickle" in str(error):
-            raise InputError(f"array {name} contains pickled objects, which are refused.") from error
-        raise InputError(f"array {name} is damaged ({error}).") from error
-    except _DAMAGE as error:
-        raise InputError(f"array {name} is damaged ({error}).") from error
-    if not isinstance(values, np.ndarray):
-        raise InputError(f"member {name} of the archive is not an array.")
-    return values

@@ -11,9 +11,10 @@ from pathlib import Path
 from ..errors import InputError
 from ..settings import Missing, check_missing
 from ..taps import TapSet, concatenate
-from .arrays import read_npz, recording_from_arrays
+from .arrays import recording_from_arrays
 from .csv import read_csv, read_csv_folder
 from .mat import read_mat
+from .npz import read_npz
 from .recording import Recording, naming
 
 type TapSource = TapSet | str | Path

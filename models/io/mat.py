@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from .. import storage
 from ..blocks import BLOCK
 from ..errors import InputError
-from .arrays import KNOWN, ROW_VECTORS, TABLE_VECTORS, TEXTS
+from .arrays import KNOWN, ROW_VECTORS, TABLE_VECTORS, TEXTS, check_present
 
 type Content = NDArray[Any] | str
 
@@ -82,7 +82,13 @@ def _read_v73(path: Path) -> dict[str, Content]:
 
     try:
         with h5py.File(path, "r") as file:
-            return {name: _read_node(file, file[name]) for name in map(str, file) if not name.startswith("#")}
+            nodes = {name: file[name] for name in map(str, file) if not name.startswith("#")}
+            check_present(nodes)
+            sizes = [node.nbytes for node in nodes.values() if isinstance(node, h5py.Dataset)]
+            storage.check_size(path, sum(sizes), sum(size for size in sizes if size <= storage.ON_DISK))
+            return {name: _read_node(file, node) for name, node in nodes.items()}
+    except InputError:
+        raise
     except (OSError, KeyError, RuntimeError, ValueError, TypeError) as error:
         raise InputError(f"damaged MATLAB 7.3 file ({error}).") from error
 

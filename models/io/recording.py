@@ -117,14 +117,23 @@ def naming(path: str | Path) -> Iterator[None]:
         raise InputError(f"{path}: {error}") from error
 
 
+def check_real(name: str, values: Any) -> None:
+    """Checks the type of an array, or of what a file declares of it.
+
+    Raises:
+        InputError: It does not hold real numbers.
+    """
+    if values.dtype.kind not in "fiub":
+        raise InputError(f"array {name} must hold real numbers, got {values.dtype}.")
+
+
 def as_samples(name: str, values: NDArray[Any], missing: Missing = "refuse") -> NDArray[np.floating]:
     """Samples as float32 or float64, as stored; integers become float64.
 
     Raises:
         InputError: They are not real numbers, or one is infinite or, unless `missing` is `drop`, NaN.
     """
-    if values.dtype.kind not in "fiub":
-        raise InputError(f"array {name} must hold real numbers, got {values.dtype}.")
+    check_real(name, values)
     if values.dtype not in (np.float32, np.float64):
         values = _as_floats(values, np.dtype(np.float32 if values.dtype == np.float16 else np.float64))
     rows = np.atleast_1d(values)

@@ -12,9 +12,9 @@ from solidtouch.inference.trials.records import tap_table
 from solidtouch.models import blocks, storage
 from solidtouch.models.blocks import block_length, over_blocks
 from solidtouch.models.errors import InputError
-from solidtouch.models.io.arrays import read_npz
 from solidtouch.models.io.joining import joined
 from solidtouch.models.io.load import load_taps
+from solidtouch.models.io.npz import read_npz
 from solidtouch.models.measurement import gaussian, profile, profile_ar, profile_mvn, smooth, student
 from solidtouch.models.measurement.fits.priors import CellPrior
 from solidtouch.models.measurement.registry import fit_model

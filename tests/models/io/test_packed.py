@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from solidtouch.models import storage
 from solidtouch.models.errors import InputError
-from solidtouch.models.io import arrays as archives
 from solidtouch.models.io import csv, mat
+from solidtouch.models.io import npz as archives
 from solidtouch.models.io.load import load_taps
 from solidtouch.models.taps import TapSet
 
