@@ -1,5 +1,6 @@
 """`solidtouch perceive`: live episodes of perception on any rig."""
 
+import sys
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -9,7 +10,7 @@ from typer import Argument, Context, Option
 from ..models.errors import InputError
 from ..models.settings import PlaySettings
 from .shared.interrupt import loading, terminable
-from .shared.options import Fields, Force, Missing, Seed, SettingFile, Story, TrainingTaps, given, merged, spelled_out
+from .shared.options import Fields, Force, Missing, SettingFile, Story, TrainingTaps, given, merged, spelled_out
 from .shared.recording import check_record, kept, recording
 from .shared.untrained import untrained
 
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from ..analysis.live.view import Seen
-    from ..hardware.named_rigs import Placed
+    from ..hardware.named_rigs import ChosenRig, Placed, Wish
     from ..inference import reference
     from ..inference.engines.engine import Engine
     from ..inference.novelty import Novelty
@@ -112,7 +113,19 @@ def perceive(
     training_taps: TrainingTaps = False,
     missing: Missing = "refuse",
     setting: SettingFile = None,
-    seed: Seed = 0,
+    seed: Annotated[
+        int, Option("--seed", min=0, max=2**63 - 1, help="Random seed of the episodes: start, object, noise, replay.")
+    ] = 0,
+    sensor_seed: Annotated[
+        int | None,
+        Option(
+            "--sensor-seed",
+            min=0,
+            max=2**63 - 1,
+            help="With --rig simulated: seed of the sensor, as the --seed of `simulate`; default: that of the taps "
+            "that trained the model, 0 if unknown.",
+        ),
+    ] = None,
     force: Force = False,
 ) -> None:
     """Perceive an object and its position by tapping, and show the belief after each tap."""
@@ -132,18 +145,20 @@ def perceive(
     if record is not None:
         check_record(record, rig, force)
     with loading():
-        # Also what is needed only later: nothing may be imported while a finger is on its way.
-        from ..analysis.live import view as live_view  # noqa: F401
-        from ..hardware.named_rigs import Wish, open_source
-        from ..inference.engines.latency import TimedEngine, warm_up
+        from ..hardware.named_rigs import Wish
         from ..models.io.model_file import load_model
-        from .shared.moving import chances, choose_moves, load_outcomes
-        from .shared.showing import latency_sentence, show
-        from .shared.stopping import choose_ends
 
         fitted = load_model(model, story, missing)
         if read is not None:
             read.check_model(fitted, str(model), str(setting))
+        chosen = _chosen(rig, fitted, Wish(start, what, seed, sensor_seed), training_taps, missing)
+        # Also what is needed only later: nothing may be imported while a finger is on its way.
+        from ..analysis.live import view as live_view  # noqa: F401
+        from ..inference.engines.latency import TimedEngine, warm_up
+        from .shared.moving import chances, choose_moves, load_outcomes
+        from .shared.showing import latency_sentence, show
+        from .shared.stopping import choose_ends
+
         name = move or ("passive" if play.passive else f"fixation:{play.theta_x!r}")
         outcomes = load_outcomes(fitted, training, name, stop)
         moves = choose_moves(name, fitted, play, outcomes, targets)
@@ -159,8 +174,7 @@ def perceive(
     ):
         if rig.endswith(".toml"):
             shown.note(f"Connecting to the rig of {rig}; the finger must touch nothing.")
-        fresh = partial(untrained, fitted, keep=training_taps)
-        with open_source(rig, fitted.grid, Wish(start, what, seed), home, recorder, fresh, missing) as source:
+        with chosen(home, recorder) as source:
             shown.note(
                 f"{source.name}, engine {timed.name}, warmed up in {warm_up_s:.1f} s; beliefs follow object and "
                 f"position, moves are in positions{_promised(novelty, unknown)}"
@@ -177,6 +191,19 @@ def perceive(
             shown.note(kept(recorder))
     if image is not None:
         save_picture(endings[-1].seen, image, force)
+
+
+def _chosen(
+    rig: str, fitted: "TapModel", wish: "Wish", training_taps: bool, missing: Literal["refuse", "drop"]
+) -> "ChosenRig":
+    """The rig, checked with object and start; warns if it has another finger than the one that trained the model."""
+    from ..hardware.named_rigs import choose_rig, sensor_of
+
+    sensor, doubt = sensor_of(rig, fitted.source, wish.sensor)
+    if doubt:
+        print(doubt, file=sys.stderr)
+    fresh = partial(untrained, fitted, keep=training_taps)
+    return choose_rig(rig, fitted.grid, wish._replace(sensor=sensor), fresh, missing)
 
 
 def _check_together(play: PlaySettings, move: str | None, stop: str | None, theta: bool) -> None:

@@ -2,8 +2,9 @@
 
 import re
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -24,9 +25,10 @@ from .journal import Journal, NoJournal
 from .replay import ReplayRig
 from .rig.open_rig import connected, unconnected
 from .rig.rig import Rig
-from .rig.settings import load_rig
+from .rig.settings import RigFile, load_rig
 from .sensor import TouchSensor, check_step
 from .simulator.rig import SimulatedRig
+from .simulator.session import sensor_seed
 from .simulator.settings import RigSettings, preset
 
 
@@ -131,6 +133,10 @@ class PlaceableRig(NamedTuple):
     place: Callable[[int], Placed]
 
 
+type ChosenRig = Callable[[bool, Journal | None], AbstractContextManager[PlaceableRig]]
+"""A rig that is checked and not opened, see `choose_rig`."""
+
+
 class Wish(NamedTuple):
     """Where episodes start; what is not given is random for each episode.
 
@@ -138,11 +144,13 @@ class Wish(NamedTuple):
         start: Position index, or position with unit, such as `"2.3mm"`.
         what: Name of the object, or its index from 0.
         seed: Random seed.
+        sensor: Seed of the sensor of a simulated rig; default: `seed`.
     """
 
     start: str | None
     what: str | None
     seed: int
+    sensor: int | None = None
 
     def place(self, grid: ClassGrid, episode: int) -> float:
         """Initial position of an episode; for a position index, the centre of the class.
@@ -185,40 +193,66 @@ class Wish(NamedTuple):
         )
 
 
-@contextmanager
-def open_source(
+def choose_rig(
     rig: str,
     grid: ClassGrid,
     wish: Wish,
-    home: bool = False,
-    journal: Journal | None = None,
     fresh: Callable[[TapSet], TapSet] | None = None,
     missing: Missing = "refuse",
-) -> Iterator[PlaceableRig]:
-    """Rig named by `--rig`, brought to rest at the end of the block.
+) -> ChosenRig:
+    """Rig named by `--rig`, checked but not opened.
 
     Args:
         rig: `simulated`, `simulated:PRESET`, `replay:FILE` or a rig.toml.
         grid: The classes of the model.
         wish: Where episodes start.
-        home: Whether to home a real stage first.
-        journal: Records the events of a real rig.
         fresh: Selects the recorded taps to use; default: all.
         missing: What to do with recorded samples that are NaN: `"refuse"` or `"drop"` them.
 
+    Returns:
+        Opens the rig: whether to home a real stage first and the journal of its events give a context manager, which
+        brings it to rest. It raises `RigError` if a device fails, `InputError` if an emulator lacks the object.
+
     Raises:
         InputError: The rig is unknown or cannot be placed as requested, or as `fresh`.
-        RigError: A device failed.
     """
-    if rig == _SIMULATED or rig.startswith(f"{_SIMULATED}:"):
-        yield _simulated(rig, grid, wish)
+    if _is_simulated(rig):
+        source = _simulated(rig, grid, wish)
     elif rig.startswith(_REPLAY):
-        yield _replayed(rig.removeprefix(_REPLAY), grid, wish, fresh, missing)
+        source = _replayed(rig.removeprefix(_REPLAY), grid, wish, fresh, missing)
     elif rig.endswith(".toml"):
-        with _real(rig, grid, wish, home, journal) as source:
-            yield source
+        return partial(_real, _checked(rig, grid, wish), grid, wish)
     else:
         raise InputError(f"--rig must be simulated, simulated:PRESET, replay:FILE or a .toml file, got {rig!r}.")
+    source.place(0)
+    return lambda _home, _journal: nullcontext(source)
+
+
+def _is_simulated(rig: str) -> bool:
+    return rig == _SIMULATED or rig.startswith(f"{_SIMULATED}:")
+
+
+def sensor_of(rig: str, source: str, seed: int | None) -> tuple[int, str]:
+    """Seed of the sensor of a simulated rig, and a warning if it is not that of the training taps.
+
+    Args:
+        rig: Name of the rig.
+        source: Origin of the training taps, as `TapModel.source`.
+        seed: The seed asked for; `None` takes that of the training taps, 0 where it is not known.
+
+    Raises:
+        InputError: A seed is asked for, and the rig is not simulated.
+    """
+    if seed is not None and not _is_simulated(rig):
+        raise InputError("--sensor-seed requires --rig simulated.")
+    trained = sensor_seed(source)
+    used = (trained or 0) if seed is None else seed
+    if trained is None or used == trained:
+        return used, ""
+    return used, (
+        f"Warning: the model was trained on taps of the simulated sensor of seed {trained}, and this rig has the one "
+        f"of seed {used}; expect wrong answers."
+    )
 
 
 def _simulated(rig: str, grid: ClassGrid, wish: Wish) -> PlaceableRig:
@@ -229,7 +263,9 @@ def _simulated(rig: str, grid: ClassGrid, wish: Wish) -> PlaceableRig:
 
     def place(episode: int) -> Placed:
         what = wish.object(names, episode)
-        sensor = SimulatedRig(settings, wish.seed, _SESSION, wish.place(grid, episode), what, episode)
+        finger = wish.seed if wish.sensor is None else wish.sensor
+        start_mm = wish.place(grid, episode)
+        sensor = SimulatedRig(settings, finger, _SESSION, start_mm, what, episode, noise_seed=wish.seed)
         return Placed(sensor, lambda: Truth(names[what], sensor.position_mm))
 
     return PlaceableRig(f"simulated rig, preset {name}", place)
@@ -267,8 +303,8 @@ def _replayed(
     return PlaceableRig(f"taps of {Path(path).name}", place)
 
 
-@contextmanager
-def _real(rig: str, grid: ClassGrid, wish: Wish, home: bool, journal: Journal | None) -> Iterator[PlaceableRig]:
+def _checked(rig: str, grid: ClassGrid, wish: Wish) -> RigFile:
+    """Settings of a real rig that can be placed as requested."""
     settings = load_rig(rig)
     check_step(settings.range.cell_mm, grid, settings.name)
     if grid.where_unit.split(maxsplit=1)[:1] != ["mm"]:
@@ -278,6 +314,15 @@ def _real(rig: str, grid: ClassGrid, wish: Wish, home: bool, journal: Journal | 
         raise InputError(
             f"{start_mm:g} mm is outside the range of {settings.name}, {limits.start_mm:g} to {limits.end_mm:g} mm."
         )
+    if settings.emulator is None:
+        wish.object(grid.what_name, 0)
+    return settings
+
+
+@contextmanager
+def _real(
+    settings: RigFile, grid: ClassGrid, wish: Wish, home: bool, journal: Journal | None
+) -> Iterator[PlaceableRig]:
     table = objects(grid, wish.what)
     journal = journal or NoJournal()
     with unconnected(settings, journal) as sensor:

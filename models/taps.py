@@ -284,7 +284,12 @@ class TapSet:
     @property
     def simulated(self) -> bool:
         """Whether the taps come from a simulated rig."""
-        return str(self.dataset.attrs.get("source", "")).startswith("simulated")
+        return self.source.startswith("simulated")
+
+    @property
+    def source(self) -> str:
+        """Origin of the data; of several sessions that of the first."""
+        return str(self.dataset.attrs.get("source", ""))
 
     def __len__(self) -> int:
         return self.dataset.sizes["tap"]

@@ -1,7 +1,7 @@
 """Fixation point and threshold learned from episodes: the function `solidtouch.tune_online` and its report."""
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from ...hardware.named_rigs import Wish, check_training_taps, open_source
+from ...hardware.named_rigs import ChosenRig, Wish, check_training_taps, choose_rig, sensor_of
 from ...hardware.sensor import TouchSensor
 from ...inference.engines.engine import Engine, make_engine
 from ...inference.engines.latency import warm_up
@@ -26,9 +26,7 @@ from ...inference.tuning.online import (
     save_learner,
 )
 from ...models.errors import InputError, check_counts
-from ...models.grid import ClassGrid
 from ...models.io.load import TapSource
-from ...models.measurement.model import TapModel
 from ...models.measurement.registry import PAPER, AnyModel, model_name
 from ...models.progress import Progress, no_progress
 from ...models.setting_file import Setting
@@ -39,7 +37,7 @@ from ...models.training import untrained_taps
 from ..page.page import Brief, Page
 from ..stats.metrics import CONFIDENCE
 from .run import Price, check_objects, check_price
-from .training import TunedReport, training_data
+from .training import TrainingData, TunedReport, training_data
 
 ONLINE_THRESHOLDS = (0.5, 0.7, 0.8, 0.9, 0.95, 0.975, 0.99, 0.995)
 _FEWEST = 2  # episodes before a cost is known
@@ -221,6 +219,12 @@ def tune_online(
     note(training.described)
     new = Learner.new(learner, range(training.grid.L), theta, seed, _setup(rig, setting, price, training.taps))
     known = new if state is None else _resumed(Path(state), new)
+    if isinstance(rig, str):
+        finger, _ = sensor_of(rig, training.taps.source, None)
+        fresh = partial(_untrained, training, training_taps, note)
+        opened = _opened(choose_rig(rig, training.grid, Wish(None, what, seed, finger), fresh), home)
+    else:
+        opened = nullcontext(rig)
     bar = progress("Learning", episodes)
     last, objects = known, [""]
 
@@ -241,8 +245,8 @@ def tune_online(
         else:
             engine = make_engine("filter", training.model, play.border)
             warm_up(engine)
-            fresh = partial(_untrained, training.model, training_taps, note)
-            with _opened(rig, training.grid, Wish(None, what, seed), home, fresh) as place:
+            with opened as place:
+                assert place is not None  # noqa: S101 - for the type checker
                 learn(known, episodes, _live(place, engine, known, price, play, objects), heard)
     finally:
         if state is not None and last.episodes > known.episodes:
@@ -260,14 +264,9 @@ def _hardly_played(count: int) -> str:
 
 
 @contextmanager
-def _opened(
-    rig: str | Rig, grid: ClassGrid, wish: Wish, home: bool, fresh: Callable[[TapSet], TapSet]
-) -> Iterator[Rig]:
-    """A rig as a function, brought to rest when the block ends if it is a name."""
-    if not isinstance(rig, str):
-        yield rig
-        return
-    with open_source(rig, grid, wish, home, fresh=fresh) as source:
+def _opened(chosen: ChosenRig, home: bool) -> Iterator[Rig]:
+    """A rig as a function, brought to rest when the block ends."""
+    with chosen(home, None) as source:
 
         def place(episode: int) -> tuple[TouchSensor, str | None]:
             placed = source.place(episode)
@@ -295,8 +294,9 @@ def _live(
     return cost
 
 
-def _untrained(model: TapModel, keep: bool, note: Callable[[str], object], taps: TapSet) -> TapSet:
+def _untrained(training: TrainingData, keep: bool, note: Callable[[str], object], taps: TapSet) -> TapSet:
     """The taps that a replay plays; says which trained the model."""
+    model = training.model
     model.check_tapset(taps)
     rest, sentence = untrained_taps(taps, model.training, keep)
     if sentence:

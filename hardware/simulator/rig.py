@@ -31,6 +31,7 @@ class SimulatedRig:
         what: Index of the object.
         run: Number of the run; runs have independent noise.
         settling_taps: Unrecorded taps after each change of position; default: `settings.settling_taps`.
+        noise_seed: Seed of the noise; default: `seed`.
 
     Attributes:
         settings: Settings of the rig.
@@ -51,9 +52,10 @@ class SimulatedRig:
         what: int,
         run: int = 0,
         settling_taps: int | None = None,
+        noise_seed: int | None = None,
     ) -> None:
         self.settings = settings = settings_of(settings)
-        self._stream = TapStream(settings, seed, session, Purpose.LIVE, run)
+        self._stream = TapStream(settings, seed, session, Purpose.LIVE, run, noise_seed)
         self._settling_taps = settings.settling_taps if settling_taps is None else settling_taps
         self.clamped = 0
         self.what = what

@@ -1,5 +1,6 @@
 """Simulated sessions of the paper's experiment (sec. 2.3): every object tapped along the whole range."""
 
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -100,6 +101,16 @@ def cut_session(settings: RigSettings, seed: int, session: int, counts: NDArray[
     )
 
 
+def sensor_seed(source: str) -> int | None:
+    """Seed of the simulated sensor from which taps come, by their `source`; `None` if they come from another.
+
+    >>> sensor_seed(simulate("ideal", seed=4)[0].source)
+    4
+    """
+    found = re.fullmatch(r"simulated: .*, seed (\d+), session \d+", source)
+    return None if found is None else int(found[1])
+
+
 class TapStream:
     """A finger that taps at successive positions while lag, noise and high-pass filter continue.
 
@@ -111,14 +122,23 @@ class TapStream:
         session: Session that sets gains and mounting.
         purpose: Data collection or live use; the two have independent noise.
         number: Number of the stream in this session and purpose.
+        noise_seed: Seed of the noise and of the robot's inaccuracy; default: `seed`.
     """
 
-    def __init__(self, settings: RigSettings, seed: int, session: int, purpose: Purpose, number: int) -> None:
+    def __init__(
+        self,
+        settings: RigSettings,
+        seed: int,
+        session: int,
+        purpose: Purpose,
+        number: int,
+        noise_seed: int | None = None,
+    ) -> None:
         check_count(session, "session", 0)
         check_count(number, "run", 0)
         self._settings = settings
         self._nuisances = session_nuisances(settings, seed, session)
-        hand, noise = seed_sequence(seed, purpose, session, number).spawn(2)
+        hand, noise = seed_sequence(seed if noise_seed is None else noise_seed, purpose, session, number).spawn(2)
         self._hand = np.random.default_rng(hand)
         self._chain = SignalChain(settings, self._nuisances, noise)
         self._cutter = TapCutter(settings.preprocessing)

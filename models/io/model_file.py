@@ -166,6 +166,7 @@ def _model(groups: Mapping[str, xr.Dataset], story: Callable[..., Any] | str | N
         "preprocessing": Preprocessing.from_json(attributes["preprocessing"]),
         "left_out": tuple(json.loads(attributes["left_out"])),
         "trained_on": str(attributes["trained_on"]),
+        "source": str(attributes.get("source", "")),
         "version": attributes["version"],
         "novelty": _novelty(data),
         "training": data["training"].values if "training" in data else np.empty(0, np.uint64),

@@ -60,6 +60,7 @@ def training(
         "power": settings.power,
         "preprocessing": taps.preprocessing,
         "trained_on": trained_on,
+        "source": taps.source,
         "version": version("solidtouch"),
         "training": used.digests,
         "saturation": settings.limit,

@@ -243,6 +243,7 @@ def fit(
         preprocessing=taps.preprocessing,
         left_out=grid.untouched(counts.sum(axis=(2, 3)) > 0),
         trained_on=trained_on,
+        source=taps.source,
         version=version("solidtouch"),
         training=used.digests,
         saturation=float(saturation),

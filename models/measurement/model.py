@@ -58,6 +58,7 @@ class TapModel(ABC):
         preprocessing: How the taps were prepared.
         left_out: Names of the classes without a training tap.
         trained_on: Description of the training taps.
+        source: Origin of the training taps, as `TapSet.source`; empty where a file of an older version has none.
         version: Version of this software that fitted it.
         novelty: How badly the training taps fit their classes; without it no tap can be called new.
         training: Digests of the training taps, none where a file of an older version has none; see
@@ -82,6 +83,7 @@ class TapModel(ABC):
     _: KW_ONLY
     left_out: tuple[str, ...] = ()
     trained_on: str = ""
+    source: str = ""
     version: str = ""
     novelty: "NoveltyScores | None" = None
     training: NDArray[np.uint64] = field(default_factory=lambda: np.empty(0, np.uint64))
@@ -408,6 +410,7 @@ class TapModel(ABC):
             "grid": json.dumps(self.grid.to_dict()),
             "left_out": json.dumps(self.left_out),
             "trained_on": self.trained_on,
+            "source": self.source,
             "version": self.version,
             "seed": self.seed,
         }

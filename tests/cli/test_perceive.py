@@ -115,6 +115,46 @@ def test_json_is_all_there_is_on_standard_output(command, folder, rig):
         assert other[-1] == decision
 
 
+def test_the_seed_of_an_episode_leaves_the_sensor_as_it_is(command, folder):
+    """The rig has the sensor that trained the model, which the seed of another does not change unless it is named."""
+    base = ("perceive", folder / "model.nc", "--json", "--engine", "filter", "--episodes", 20, "--seed")
+    done = command(*base, 3)
+    other = command(*base, 3, "--sensor-seed", 3)
+    same = command(*base, 3, "--sensor-seed", 4)
+    right, wrong = (sum(record.get("right", False) for record in records(run.out)) for run in (done, other))
+
+    assert right > wrong + 5
+    assert same.out == done.out
+    assert "Warning: the model was trained on taps of the simulated sensor of seed 4, and this rig" in other.err
+    assert "Warning" not in done.err
+
+
+@pytest.mark.parametrize(
+    ("wrong", "sentence"),
+    [
+        (("--object", "7 mm rod"), "--object must be one of 4 mm rod,"),
+        (("--start", 99), "--start must be an index from 0 to 15"),
+        (("--start", "900mm"), "Position 900.0 mm is outside the range"),
+        (("--rig", "nosuch"), "--rig must be simulated,"),
+        (("--rig", "simulated:nosuch"), "Unknown preset 'nosuch'"),
+        (("--rig", "replay:none.nc"), "none.nc: no such file."),
+        (("--rig", "replay:TAPS", "--object", "7 mm rod"), "--object must be one of 4 mm rod,"),
+        (("--rig", "replay:TAPS", "--start", "900mm"), "--start 900mm is outside the classes of the model."),
+        (("--rig", "replay:TAPS", "--sensor-seed", 1), "--sensor-seed requires --rig simulated."),
+        (("--rig", "none.toml"), "none.toml: cannot read"),
+        (("--unknown", 2), "--unknown must be between 0 and 1, got 2.0."),
+    ],
+)
+def test_wrong_names_are_refused_before_an_engine_is_made(command, folder, monkeypatch, wrong, sentence):
+    """Compiling one takes the longest."""
+    monkeypatch.setattr("solidtouch.inference.engines.engine.make_engine", None)
+    given = [str(word).replace("TAPS", str(folder / "taps.nc")) for word in wrong]
+    done = command("perceive", folder / "model.nc", *given)
+
+    assert done.code == 2
+    assert sentence in done.err
+
+
 def test_start_object_and_policy_are_obeyed(command, folder):
     """Passive perception stays at its class; active perception comes to the fixation point."""
     base = ["perceive", folder / "model.nc", "--json", "--engine", "numpy", "--object", "8 mm rod", "--theta", "1"]
@@ -520,7 +560,7 @@ def test_a_device_that_fails_ends_with_exit_code_3(command, folder, monkeypatch,
         finally:
             left.append(True)
 
-    monkeypatch.setattr("solidtouch.hardware.named_rigs.open_source", broken)
+    monkeypatch.setattr("solidtouch.hardware.named_rigs.choose_rig", lambda *_: broken)
     done = command("perceive", folder / "model.nc", "--rig", "simulated", "--engine", "numpy")
 
     assert (done.code, done.err) == (3, "solidtouch: /dev/ttyACM0: no frame in 5 s.\n")

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from solidtouch.hardware.named_rigs import Wish, open_source
+from solidtouch.hardware.named_rigs import Wish, choose_rig
 from solidtouch.hardware.replay import ReplayRig, as_uniforms
 from solidtouch.models.errors import InputError
 from solidtouch.models.preprocessing import Preprocessing
@@ -85,7 +85,7 @@ def test_a_named_replay_stays_in_a_session_that_can_stand_alone(make_taps, tmp_p
     dataset = taps.dataset.copy(deep=True)
     dataset["taps"] = dataset["taps"] * 0 + dataset["session"]
     TapSet(dataset).save(tmp_path / "taps.nc")
-    with open_source(f"replay:{tmp_path / 'taps.nc'}", taps.grid(), Wish(None, None, 3)) as source:
+    with choose_rig(f"replay:{tmp_path / 'taps.nc'}", taps.grid(), Wish(None, None, 3))(False, None) as source:
         sensors = [source.place(episode).sensor for episode in range(20)]
         drawn = [{float(sensor.tap()[0, 0]) for _ in range(20)} for sensor in sensors]
     assert {len(of) for of in drawn} == ({1} if apart else {3})

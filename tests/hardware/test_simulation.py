@@ -168,6 +168,19 @@ def test_runs_differ_in_noise_only(small):
     assert 0 < np.abs(taps[0] - taps[1]).mean() < 5
 
 
+def test_noise_may_have_a_seed_of_its_own(small):
+    """The sensor is then the same, and its noise that of another run."""
+    rigs = [SimulatedRig(small, 5, 0, 8.0, 1, noise_seed=seed) for seed in (None, 5, 6)]
+    exact = replace(small, white_counts=0.0, taxel_noise_counts=0.0, common_noise_counts=0.0, walk_counts=0.0)
+    still = replace(exact, tap_depth_log_sd=0.0, tap_time_samples=0.0, tap_position_mm=0.0)
+    taps = [rig.tap() for rig in rigs]
+    quiet = [SimulatedRig(still, 5, 0, 8.0, 1, noise_seed=seed).tap() for seed in (5, 6)]
+
+    np.testing.assert_array_equal(taps[0], taps[1])
+    assert not np.array_equal(taps[0], taps[2])
+    np.testing.assert_array_equal(quiet[0], quiet[1])
+
+
 def test_settling_forgets_the_former_place(exact):
     """After a move the settled rig taps as if it had always stood there; unsettled, it remembers."""
 
