@@ -59,7 +59,9 @@ class ClassGrid:
             object.__setattr__(self, name, _numbers(getattr(self, name), name))
         object.__setattr__(self, "what_members", _members(self.what_members))
         for name in ("where_unit", "what_unit"):
-            object.__setattr__(self, name, printable(getattr(self, name)))
+            if not isinstance(unit := getattr(self, name), str):
+                raise InputError(f"{name} of a class grid must be text, got {unit!r}.")
+            object.__setattr__(self, name, printable(unit))
         if self.L < 1 or self.M < 1:
             raise InputError(f"A class grid needs at least one position and one object, got {self.L} and {self.M}.")
         if not np.all(np.diff(self.where_value) > 0):

@@ -8,7 +8,6 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import Meta, Struct
 
-from ...hardware.rig.settings import Count
 from ...hardware.simulator.settings import preset
 from ...inference.episode import DEADLINE
 from ...inference.moves.strategies import FORMS, parse_strategy
@@ -19,6 +18,7 @@ from ...models.io.toml import parse_settings, read_settings
 from ...models.measurement.registry import split_name
 from ...models.settings import learned_taps, likelihood_exponent
 
+Count = Annotated[int, Meta(ge=1)]
 Natural = Annotated[int, Meta(ge=0)]
 Text = Annotated[str, Meta(min_length=1)]
 type _Some[T] = Annotated[tuple[T, ...], Meta(min_length=1)]
