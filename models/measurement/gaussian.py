@@ -10,7 +10,6 @@ from .fits.posterior import check_cells
 from .fits.priors import CellPrior, Taps
 from .likelihood.bins import TableForm
 from .likelihood.forecasts import Unseen, cells_left_out, log_normal_probability, log_student_probability
-from .likelihood.forms import bin_gaps
 from .likelihood.shapes import Measure, Parameters, standardised
 from .model import Row
 from .scaling import Moments
@@ -48,11 +47,10 @@ def form(parameters: Parameters, frame: Measure) -> TableForm:
 
 def integrated(posterior: CellPosterior, frame: Measure, unseen: Unseen, _: np.random.Generator) -> NDArray[np.float64]:
     """Log probability of taps with each sample predicted from the training taps and the previous samples of its tap."""
-    taps, edges, own = unseen
-    samples, below, above = bin_gaps(taps, edges, may_miss=True)
+    taps, (samples, below, above) = unseen.taps, unseen.gaps
     centre, unit = frame.scaling
     samples, below, above = (samples - centre) / unit, below / unit, above / unit
-    level, strength, a, b = (array[own][:, 0].astype(np.float64) for array in posterior.cells)
+    level, strength, a, b = (array[unseen.own][:, 0].astype(np.float64) for array in posterior.cells)
     total = np.zeros(len(taps))
     for j in range(taps.shape[1]):
         scale = np.sqrt(b / a * (1 + 1 / np.maximum(strength, 1.0)))  # only cells without a sample have less

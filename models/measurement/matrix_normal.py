@@ -313,12 +313,11 @@ def integrated(
     posterior: KroneckerPosterior, frame: Measure, unseen: Unseen, generator: np.random.Generator
 ) -> NDArray[np.float64]:
     """Predictions widened by the uncertainty of the means, averaged over draws of both covariances."""
-    taps, edges, own = unseen
     inflation = np.sqrt(1 + 1 / np.maximum(posterior.strength, 1.0))[..., None, None]
 
     def one() -> NDArray[np.float64]:
         drawn = form({**posterior.draw(generator), "level": posterior.level}, frame)
-        return drawn._replace(scale=drawn.scale * inflation).own(taps, edges, *own)
+        return drawn._replace(scale=drawn.scale * inflation).own(unseen.taps, unseen.edges, *unseen.own)
 
     return over_draws(one)
 

@@ -14,6 +14,7 @@ from scipy.special import gammaln
 
 from ..grid import ClassGrid
 from ..taps import TapSet
+from ..threads import cores, in_order
 from .fits.cells import CELL, estimated_prior
 from .fits.posterior import Convergence, Sites, ascent, check_places
 from .fits.priors import CellPrior, Taps
@@ -186,7 +187,7 @@ def fit(taps: Taps) -> CurvePosterior:
     basis = Basis.of(taps.place)
     sums = _sums(taps, basis.at(taps.place))
     few = sums.at_times(slice(None, None, -(-taps.samples.shape[1] // _TIMES)))
-    bounds = [_ascend(few, basis, length, _FEW_ROUNDS)[0] for length in LENGTHS]
+    bounds = [*in_order((lambda n=n: _ascend(few, basis, n, _FEW_ROUNDS)[0] for n in LENGTHS), cores(None))]
     return _ascend(sums, basis, LENGTHS[int(np.argmax(bounds))], _ROUNDS)[1]
 
 

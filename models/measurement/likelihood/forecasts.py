@@ -1,15 +1,18 @@
 """Predictive log probability of new taps with parameters integrated out, shared by several models."""
 
 from collections.abc import Callable
-from functools import partial
+from dataclasses import dataclass
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import log_ndtr, stdtr
 
+from ...errors import InputError
 from ..fits.cells import Cells
-from .forms import GaussianForm, bin_gaps
+from .bins import NOT_FINITE
+from .forms import BinGaps, GaussianForm, bin_gaps
 from .shapes import Measure, Parameters
 from .true_class import Own
 
@@ -63,7 +66,8 @@ DRAWS = 16
 """Number of draws of shared parameters."""
 
 
-class Unseen(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Unseen:
     """Taps that did not train the model.
 
     Attributes:
@@ -75,6 +79,11 @@ class Unseen(NamedTuple):
     taps: NDArray[np.floating]
     edges: NDArray[np.float64]
     own: Own
+
+    @cached_property
+    def gaps(self) -> BinGaps:
+        """See `bin_gaps`; the same for all draws."""
+        return bin_gaps(self.taps, self.edges, may_miss=True)
 
 
 class LeftOut(NamedTuple):
@@ -114,7 +123,7 @@ def cells_left_out(
         known: Some of the training taps.
         least: Lower bound of the scales of forecasts, in the unit of the samples, broadcast to (K,).
     """
-    samples, below, above = bin_gaps(known.taps, known.edges, may_miss=True)
+    samples, below, above = known.gaps
     centre, unit = frame.scaling
     samples, below, above, there = (samples - centre) / unit, below / unit, above / unit, ~np.isnan(known.taps)
     level, strength, a, b = (array[known.own].astype(np.float64) for array in cells)
@@ -155,8 +164,9 @@ def slopes_integrated(
 
 def log_t_probability(form: GaussianForm, q: int, freedom: NDArray[np.float64], unseen: Unseen) -> NDArray[np.float64]:
     """Log probability of the bins of taps, with Student's t for each normal of Gaussian `q`, shape (N,)."""
-    taps, edges, own = unseen
-    samples, below, above = bin_gaps(taps, edges, form.independent)
+    if not (form.independent or np.isfinite(unseen.taps).all()):
+        raise InputError(NOT_FINITE)
+    (samples, below, above), own = unseen.gaps, unseen.own
     innovation = form.innovations(samples, *own, q)
     scale = form.scale[q][own]
     values, which = np.unique(freedom, return_inverse=True)

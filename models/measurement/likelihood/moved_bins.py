@@ -1,5 +1,7 @@
 """Tables of samples that are multiplied by a gain and shifted by an offset."""
 
+from functools import lru_cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,7 +14,7 @@ _SMALL = 1e-290  # a sum above it has all its digits, as what adds to it is abov
 def pieces(
     edges: NDArray[np.float64], gain: float, offset: float
 ) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.intp]]:
-    """Pieces that the moved bins of a taxel consist of.
+    """Pieces that the moved bins of a taxel consist of, kept, as all draws of a model are moved alike.
 
     Args:
         edges: Shape (B + 1,).
@@ -22,6 +24,14 @@ def pieces(
     Returns:
         The bin that each piece is part of before, its width in this bin's, and the first piece of each bin after.
     """
+    return _pieces(edges.astype(np.float64).tobytes(), gain, offset)
+
+
+@lru_cache(maxsize=4096)
+def _pieces(
+    content: bytes, gain: float, offset: float
+) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.intp]]:
+    edges = np.frombuffer(content)
     B = len(edges) - 1
     place = _in_bins((edges - offset) / gain, edges)
     cuts = np.union1d(np.arange(B + 1.0), np.append(place, [min(place[0], 0.0), max(place[-1], B)]))
