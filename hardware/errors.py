@@ -11,7 +11,7 @@
     ├── WrongDevice             not the expected device, or not configured as needed
     ├── NotAtRest               after another error the finger could not be lifted off the object
     ├── SensorFault             the frames cannot be trusted
-    │   ├── StaleSensor         no frame for three periods
+    │   ├── StaleSensor         no frame for too long
     │   ├── SensorOverload      a taxel saturated
     │   └── BaselineRefused     the finger may be touching something, or the board calibrated under load
     └── StageFault              the stage cannot be trusted
@@ -61,7 +61,7 @@ class SensorFault(RigError):
 
 
 class StaleSensor(SensorFault, TimeoutError):
-    """No frame for three periods; the last one is not repeated."""
+    """No frame for too long, see `SkinMonitor.stale_s`; the last one is not repeated."""
 
 
 class SensorOverload(SensorFault):

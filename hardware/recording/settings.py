@@ -55,12 +55,12 @@ def differences(here: About, recorded: About) -> list[str]:
 
 
 def _flat(about: About) -> dict[str, Any]:
-    """All settings by full name, as JSON values."""
+    """All settings by full name, as JSON values; those that are not given, as `null`, are left out."""
     flat: dict[str, Any] = {}
 
     def put(name: str, value: Any) -> None:
         parts = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else None
-        if parts is None:
+        if parts is None and value is not None:
             flat[name] = value
         for key, part in parts or ():
             put(f"{name}.{key}" if isinstance(value, dict) else f"{name}[{key}]", part)

@@ -24,10 +24,12 @@ Width = Annotated[float, Meta(ge=1e-4, le=10_000)]
 Speed = Annotated[float, Meta(ge=0.01, le=1000)]
 """In mm/s."""
 Seconds = Annotated[float, Meta(ge=0.01, le=3600)]
+Milliseconds = Annotated[float, Meta(ge=1, le=10_000)]
 Baud = Annotated[int, Meta(ge=300, le=12_000_000)]
 Readings = Annotated[int, Meta(ge=1, le=100_000)]
 """A number of readings of the sensor."""
 _ROUNDING = 1e-6
+_LEAST_STALE = 2  # periods
 
 
 class _RigTable(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -82,11 +84,28 @@ class StageSettings(_RigTable, frozen=True):
     homing_s: Seconds = 120.0
 
 
-class IcubSettings(_RigTable, frozen=True, tag_field="kind", tag="icub"):
+class _SensorTable(_RigTable, frozen=True, kw_only=True):
+    """What all sensors have.
+
+    Attributes:
+        port: Device or URL of the sensor or its adapter.
+        stale_ms: Silence in milliseconds after which the finger stops and the run ends; default: 160 or more, from the
+            gaps between the first readings.
+    """
+
+    port: str
+    stale_ms: Milliseconds | None = None
+
+    @property
+    def stale_s(self) -> float | None:
+        """`stale_ms` in seconds."""
+        return None if self.stale_ms is None else self.stale_ms / 1000
+
+
+class IcubSettings(_SensorTable, frozen=True, kw_only=True, tag_field="kind", tag="icub"):
     """A triangle of 12 taxels of the iCub's skin behind an SLCAN adapter.
 
     Attributes:
-        port: Device or URL of the adapter.
         baud: Bits per second of the port; adapters on USB ignore it.
         acks: Whether the adapter answers commands; `"auto"` detects it, stock CANable firmware does not.
         board: Address on the bus, 14 on both hands.
@@ -101,7 +120,6 @@ class IcubSettings(_RigTable, frozen=True, tag_field="kind", tag="icub"):
         positions_mm: Position of each taxel of the taps, two or three numbers each; default: none.
     """
 
-    port: str
     baud: Baud = 115200
     acks: Literal["auto", "none", "strict"] = "auto"
     board: Annotated[int, Meta(ge=1, le=14)] = 14
@@ -126,11 +144,10 @@ class IcubSettings(_RigTable, frozen=True, tag_field="kind", tag="icub"):
         return 1000.0 / self.period_ms
 
 
-class LineSettings(_RigTable, frozen=True, tag_field="kind", tag="lines"):
+class LineSettings(_SensorTable, frozen=True, kw_only=True, tag_field="kind", tag="lines"):
     """A sensor that sends one line per reading, `t_ms,v0,...`; see docs/how-to/line-sensor.md.
 
     Attributes:
-        port: Device or URL.
         taxels: Number of values in a line, `K`.
         rate_hz: Readings per second.
         baud: Bits per second.
@@ -144,7 +161,6 @@ class LineSettings(_RigTable, frozen=True, tag_field="kind", tag="lines"):
         positions_mm: Position of each taxel of the taps, two or three numbers each; default: none.
     """
 
-    port: str
     taxels: Annotated[int, Meta(ge=1, le=10_000)]
     rate_hz: Annotated[float, Meta(ge=0.01, le=100_000)]
     baud: Baud = 115200
@@ -295,14 +311,17 @@ def _check(rig: RigFile) -> None:
     if rig.tap.samples / rig.sensor.rate_hz > rig.tap.period_s + _ROUNDING:
         seconds = rig.tap.samples / rig.sensor.rate_hz
         raise InputError(f"tap.period_s: {rig.tap.samples} samples take {seconds:g} s, longer than the period.")
-    _check_order(rig.sensor)
+    _check_sensor(rig.sensor)
     try:
         _ = rig.preprocessing
     except InputError as error:
         raise InputError(f"tap: {error}") from error
 
 
-def _check_order(sensor: IcubSettings | LineSettings) -> None:
+def _check_sensor(sensor: IcubSettings | LineSettings) -> None:
+    if sensor.stale_ms is not None and sensor.stale_ms < _LEAST_STALE * 1000 / sensor.rate_hz:
+        least = _LEAST_STALE * 1000 / sensor.rate_hz
+        raise InputError(f"sensor.stale_ms: must be at least {least:g}, two periods, got {sensor.stale_ms:g}.")
     sent = 12 if isinstance(sensor, IcubSettings) else sensor.taxels
     order = sorted(sensor.order)
     if isinstance(sensor, IcubSettings) and not order:

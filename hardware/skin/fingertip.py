@@ -220,4 +220,5 @@ def _limits(settings: IcubSettings, name: str) -> SkinLimits:
         noise_limit=settings.noise_limit,
         overload=_LAST - settings.overload,
         stuck_readings=settings.stuck_readings,
+        stale_s=settings.stale_s,
     )

@@ -250,4 +250,5 @@ def _limits(settings: LineSettings, taxels: int, name: str) -> SkinLimits:
         overload=overload,
         stuck_readings=settings.stuck_readings,
         own_clock=True,
+        stale_s=settings.stale_s,
     )

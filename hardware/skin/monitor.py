@@ -22,8 +22,13 @@ from ..link.port import Port
 from .skin import SkinCounts, SkinFrame, SkinLimits, taxel_names
 from .tracking import Baseline, LossTracker
 
-STALE_PERIODS = 3.5
-"""Periods without a reading after which a sensor is stale: three readings overdue, the last by half a period."""
+_LATE_PERIODS = 3.5  # three readings overdue, the last by half a period
+_STALE_S = 0.16, 0.3
+"""Shortest and longest silence after which a sensor is stale, unless its settings say otherwise or it is slower.
+
+A busy computer leaves gaps of some 0.14 s; a finger at 12 mm/s moves 2 mm in the shortest.
+"""
+_GAPS = 3.0  # how many times the longest gap of the baseline is no silence
 BLIND_READINGS = 3
 BASELINE_S = 1.0
 BASELINE_READINGS = 50
@@ -101,7 +106,16 @@ class SkinMonitor:
         self._last: SkinFrame | None = None
         self._last_s = math.inf
         self._same = self._blind = 0
-        self._is_stale = False
+        self._is_late = False
+        self._longest_s = 0.0  # gap of the baseline
+
+    @property
+    def stale_s(self) -> float:
+        """Silence in seconds after which the sensor is stale."""
+        if self._limits.stale_s is not None:
+            return self._limits.stale_s
+        low, high = _STALE_S
+        return max(_LATE_PERIODS * self._period_s, min(max(low, _GAPS * self._longest_s), high))
 
     @property
     def baseline(self) -> NDArray[np.float64]:
@@ -113,7 +127,7 @@ class SkinMonitor:
         self._losses = self._tracker(self._period_s)
         self._last, self._last_s = None, math.inf
         self._same = self._blind = 0
-        self._is_stale = False
+        self._is_late = False
 
     def take(self, frame: SkinFrame, clock_s: float) -> None:
         """Checks the next reading.
@@ -138,7 +152,7 @@ class SkinMonitor:
         if self._collected is not None:
             self._collected.append((clock_s, frame))
         self._last, self._last_s = frame, frame.time_s
-        self._is_stale = False
+        self._is_late = False
 
     def clock_jumped(self, time_s: float) -> None:
         """Notes a jump of the sensor's own time between the last reading and the next, at `time_s`."""
@@ -164,15 +178,16 @@ class SkinMonitor:
         """Guard for the loop.
 
         Raises:
-            StaleSensor: No reading for three periods.
+            StaleSensor: No reading for `stale_s`; a warning is recorded after three periods.
             SensorFault: All taxels are invalid, or the values are stuck.
         """
         name, stuck = self._limits.name, self._limits.stuck_readings
-        if now_s - self._last_s > STALE_PERIODS * self._period_s:
-            self._note_stale(now_s)
+        silent_s = now_s - self._last_s
+        if silent_s > _LATE_PERIODS * self._period_s:
+            self._note_late(now_s)
+        if silent_s > self.stale_s:
             raise StaleSensor(
-                f"{name}: no reading for {1000 * (now_s - self._last_s):.0f} ms, expected one every "
-                f"{1000 * self._period_s:g} ms."
+                f"{name}: no reading for {1000 * silent_s:.0f} ms, expected one every {1000 * self._period_s:g} ms."
             )
         if self._blind >= BLIND_READINGS:
             raise SensorFault(f"{name}: all taxels were invalid in the last {self._blind} readings.")
@@ -220,6 +235,7 @@ class SkinMonitor:
             RigError: As `Loop.turn`.
         """
         frames = self._collect(max(BASELINE_READINGS, math.ceil(BASELINE_S * self._limits.rate_hz)))
+        self._longest_s = float(np.diff([frame.time_s for frame in frames]).max())
         self.check(self._loop.now)
         self.rest.settle(frames)
 
@@ -233,11 +249,11 @@ class SkinMonitor:
         if change > 0:
             self._journal.event(time_s, "lost", f"{change} reading{'s' * (change > 1)} lost", readings=change)
 
-    def _note_stale(self, now_s: float) -> None:
-        if not self._is_stale:
-            self._is_stale = True
+    def _note_late(self, now_s: float) -> None:
+        if not self._is_late:
+            self._is_late = True
             self.counts.stale += 1
-            self._journal.event(now_s, "stale", "no reading for three periods")
+            self._journal.event(now_s, "late", "no reading for three periods")
 
     def _decide(self) -> None:
         until = self._loop.now + 2 * self._losses.patience_s

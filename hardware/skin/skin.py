@@ -75,6 +75,7 @@ class SkinLimits:
         overload: Value, with the sign that rises under load, at or beyond which a taxel is overloaded.
         stuck_readings: Number of consecutive identical readings that show a stuck sensor; 0 for no check.
         own_clock: Whether the sensor sends its own time.
+        stale_s: Silence in seconds after which the sensor is stale; `None` for that of `SkinMonitor`.
     """
 
     name: str
@@ -87,6 +88,7 @@ class SkinLimits:
     overload: float = math.inf
     stuck_readings: int = 0
     own_clock: bool = False
+    stale_s: float | None = None
 
 
 def taxel_names(marked: NDArray[np.bool_]) -> str:

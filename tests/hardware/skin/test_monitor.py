@@ -140,10 +140,34 @@ def test_silence_is_stale_once(monitor, rng):
     monitor.check(5.0)
     frames = shown(monitor, noisy(10, rng))
     for _ in range(2):
-        with pytest.raises(StaleSensor, match="skin: no reading for 80 ms, expected one every 20 ms"):
-            monitor.check(frames[-1].time_s + 0.08)
+        monitor.check(frames[-1].time_s + 0.15)  # a busy computer; late, and counted
+        with pytest.raises(StaleSensor, match="skin: no reading for 170 ms, expected one every 20 ms"):
+            monitor.check(frames[-1].time_s + 0.17)
 
     assert monitor.counts.stale == 1
+
+
+@pytest.mark.parametrize(
+    ("limits", "gap_s", "stale_s"),
+    [
+        ({}, 0.02, 0.16),
+        ({}, 0.07, 0.21),
+        ({}, 0.15, 0.3),
+        ({"rate_hz": 1000.0}, 0.001, 0.16),
+        ({"rate_hz": 5.0}, 0.2, 0.7),
+        ({"stale_s": 0.05}, 0.15, 0.05),
+    ],
+)
+def test_the_silence_that_is_stale_follows_from_rate_and_gaps(loop, rng, monkeypatch, limits, gap_s, stale_s):
+    """Three times the longest gap of the baseline, within bounds, or what the settings say."""
+    monitor = SkinMonitor(replace(LIMITS, **limits), loop, NoJournal())
+    times = np.cumsum([0.0, 0.02, gap_s, 0.02])
+    monkeypatch.setattr(monitor, "_collect", lambda _: shown(monitor, [reading(t + 10.0) for t in times]))
+    monkeypatch.setattr(monitor.rest, "settle", lambda _: None)
+    monitor.begin()
+    monitor.measure_baseline()
+
+    assert monitor.stale_s == pytest.approx(stale_s)
 
 
 def test_three_blind_readings_are_a_fault_and_two_are_not(monitor, rng):
