@@ -77,6 +77,7 @@ def convert(
     with loading():
         from ..models.errors import InputError
         from ..models.io.joining import joined, relabel
+        from ..models.io.load import check_there
         from ..models.storage import check_netcdf_name, check_writable
 
     check_netcdf_name(target)
@@ -93,6 +94,9 @@ def convert(
     given = [option for option, value in cutting.items() if value is not None]
     if given and not segment:
         raise InputError(f"{given[0]} requires --segment.")
+    if segment:
+        _check_cutting(cutting)
+    check_there(sources)
     parts = [_taps(path, cutting if segment else None, rate) for path in sources]
     taps = joined(parts, [str(path) for path in sources])
     labelled = relabel(
@@ -139,10 +143,9 @@ def _recorded(path: Path) -> "TapSet":
     return tapset(recorded, path)
 
 
-def _preprocessing(cutting: dict[str, Any], rate_hz: float | None) -> "Preprocessing":
-    """Preprocessing record from the options."""
+def _check_cutting(cutting: dict[str, Any]) -> None:
+    """Checks that the options of `--segment` are complete."""
     from ..models.errors import InputError
-    from ..models.preprocessing import Preprocessing
 
     if cutting["--window"] is None:
         raise InputError("--segment requires --window, the number of samples per tap.")
@@ -152,6 +155,12 @@ def _preprocessing(cutting: dict[str, Any], rate_hz: float | None) -> "Preproces
         raise InputError("--trigger contact requires a nonzero --level, the value that counts as contact.")
     if cutting["--tare"] in ("stream", "tap") and not cutting["--tare-samples"]:
         raise InputError(f"--tare {cutting['--tare']} requires --tare-samples, the number of samples to average.")
+
+
+def _preprocessing(cutting: dict[str, Any], rate_hz: float | None) -> "Preprocessing":
+    """Preprocessing record from the options."""
+    from ..models.preprocessing import Preprocessing
+
     return Preprocessing(
         samples=cutting["--window"],
         rate_hz=rate_hz,

@@ -99,9 +99,10 @@ def fit(
         from ..inference.tuning.tempering import fit_tempered
         from ..models.io.model_file import save_model
         from ..models.measurement.histogram import trim
+        from ..models.measurement.registry import model_name
         from ..models.splits import load_experiment
 
-    check_used(model, settings)
+    check_used(model_name(model), settings)
     if arviz and draws == 0:
         raise InputError("--arviz requires draws; --draws must be at least 1.")
     _check_simulations(simulations, settings, scheduler)

@@ -90,21 +90,23 @@ def tune(
 
     With three files or more, all but the last train.
     """
+    from ..models.storage import check_netcdf_name
+
     _check_words(context, online, rig, target_error)
+    if model_file is not None:
+        check_netcdf_name(model_file)
+    _check_files({"--out": out, "--model-file": model_file, "--targets": targets}, state, force)
+    theta = parse_thresholds(thresholds)
     with loading():
         from ..analysis.tuning.online import tune_online
         from ..analysis.tuning.report import tune as study
         from ..hardware.named_rigs import check_training_taps
         from ..models.io.model_file import save_model
-        from ..models.storage import check_netcdf_name
     from .shared.progress import bars
 
     check_training_taps(training_taps, rig)
-    if model_file is not None:
-        check_netcdf_name(model_file)
-    _check_files({"--out": out, "--model-file": model_file, "--targets": targets}, state, force)
     chosen = {"model": model, "division": division, "fit": fit, "play": play, "cost_error": cost_error, "wrong": wrong}
-    common: dict[str, Any] = {**chosen, "thresholds": parse_thresholds(thresholds), "seed": seed}
+    common: dict[str, Any] = {**chosen, "thresholds": theta, "seed": seed}
     with terminable(), bars() as progress:
         told: dict[str, Any] = {"progress": progress, "note": _print_note}
         if online is None:

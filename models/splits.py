@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from .errors import InputError
 from .grid import ClassGrid
-from .io.load import TapSource, names_of, taps_of
+from .io.load import TapSource, check_there, names_of, taps_of
 from .settings import Division
 from .taps import TapSet, check_compatible
 from .training import without_training
@@ -230,13 +230,15 @@ def load_experiment(data: Sequence[TapSource], division: Division | None = None)
     if not 1 <= len(data) <= 2:
         raise InputError(f"Give one data file, or two (TRAIN and TEST), got {len(data)}.")
     division = division or Division()
+    if len(data) > 1:
+        division.refuse_split("with two files the first trains and the second tests")
+    sessions = parse_sessions(division.train, "--train"), parse_sessions(division.test, "--test")
+    check_there(data)
     first = taps_of(data[0], division.missing)
     grid = first.grid(division.where_cell, division.what_cell)
     if len(data) == 1:
-        sessions = parse_sessions(division.train, "--train"), parse_sessions(division.test, "--test")
         parts = split(first, grid, division.split, *sessions)
     else:
-        division.refuse_split("with two files the first trains and the second tests")
         parts = two_files(first, taps_of(data[1], division.missing), names_of(data))
     for fold in parts.folds:
         for verb, side in (("train with", fold.train), ("test", fold.test)):

@@ -155,6 +155,47 @@ def test_a_wrong_argument_is_refused_in_a_sentence(taps, model, rig, case):
         call(Case(taps, model, rig))
 
 
+THERE, GONE = __file__, "no.nc"
+READ = "solidtouch.models.splits.taps_of"
+SIMULATED = "solidtouch.analysis.reproduce.report.simulated_split"
+BEFORE = {
+    "a model without taps": (READ, lambda: st.compare(THERE, models=["histogram", "no.py:f"]), "no.py: no such file."),
+    "a model to fit": (
+        "solidtouch.inference.fit.all_taps_of",
+        lambda: st.fit(THERE, model="no.py:f"),
+        "no.py: no such",
+    ),
+    "a model to tune": (READ, lambda: st.tune(THERE, model="no.py:f"), "no.py: no such file."),
+    "a model to tune online": (READ, lambda: st.tune_online(THERE, episodes=9, model="nosuch"), "Unknown model"),
+    "a model to reproduce with": (READ, lambda: st.reproduce(THERE, model="nosuch"), "Unknown model 'nosuch'"),
+    "a second file": (READ, lambda: st.compare(THERE, GONE), "no.nc: no such file."),
+    "a third file": ("solidtouch.analysis.experiment.parts.taps_of", lambda: st.audit(THERE, THERE, GONE), "no.nc: no"),
+    "a file behind simulations": (
+        "solidtouch.analysis.sensitivity.report.simulated_source",
+        lambda: st.sensitivity(GONE),
+        "no.nc: no such file.",
+    ),
+    "a split of two files": (
+        READ,
+        lambda: st.compare(THERE, THERE, division=st.Division(split="parity")),
+        "--split splits one file",
+    ),
+    "sessions in words": (READ, lambda: st.compare(THERE, division=st.Division(train="one")), "--train"),
+    "a model of simulated taps": (SIMULATED, lambda: st.reproduce(model="no.py:f"), "no.py: no such file."),
+    "a fixation point": (SIMULATED, lambda: st.reproduce(play=st.PlaySettings(fixation=99)), "index from 0 to 15"),
+    "a cell": (SIMULATED, lambda: st.reproduce(division=st.Division(where_cell="x")), "--where-cell"),
+}
+
+
+@pytest.mark.parametrize("case", BEFORE)
+def test_what_is_wrong_is_found_before_taps_are_read_or_simulated(monkeypatch, case):
+    work, call, message = BEFORE[case]
+    monkeypatch.setattr(work, None)
+
+    with pytest.raises(st.InputError, match=message):
+        call()
+
+
 def test_a_model_may_be_named_by_its_file(rig, model, taps, tmp_path):
     path = tmp_path / "model.nc"
     model.save(path)

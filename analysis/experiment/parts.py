@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
 from ...models.io.joining import numbered
-from ...models.io.load import TapSource, names_of, taps_of
+from ...models.io.load import TapSource, check_there, names_of, taps_of
 from ...models.settings import Division
 from ...models.splits import rank_in_class
 from ...models.taps import TapSet, check_alike, concatenate
@@ -68,6 +68,7 @@ def load_parts(
         InputError: As `load_taps`, `TapSet.grid` and `audit_parts`.
     """
     division = division or Division()
+    check_there(data)
     taps = [taps_of(source, None if whole else division.missing) for source in data]
     if not taps:
         raise InputError("Taps to train, tune and measure with are missing; pass one tap set or more.")

@@ -148,8 +148,10 @@ def reproduce(
     if preset is None:
         split, grid = load_experiment(data, division)
     else:
+        # One session is simulated twice, for what is wrong to be found before the others are.
+        grid = simulate_session(preset_settings(preset), seed, 0).grid(division.where_cell, division.what_cell)
+        check_settings(settings, grid)
         split = simulated_split(preset, 12 if data_sets is None else data_sets, seed, progress)
-        grid = split.folds[0].train.grid(division.where_cell, division.what_cell)
     files = tuple(Path(name).name for name in names_of(data))
     request = Request(split, grid, settings, preset, command, files, episodes, sequence_taps)
     return ReproductionReport(request, run_experiment(request, progress))

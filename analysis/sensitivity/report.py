@@ -6,7 +6,7 @@ from typing import ClassVar
 import xarray as xr
 
 from ...models.errors import InputError, check_counts
-from ...models.io.load import TapSource
+from ...models.io.load import TapSource, check_there
 from ...models.progress import Progress, no_progress
 from ...models.settings import Division
 from ..experiment.sources import recorded_source, simulated_source
@@ -99,6 +99,7 @@ def sensitivity(
     for option, width in (("--where-cell", division.where_cell), ("--what-cell", division.what_cell)):
         if width is not None and not data:
             raise InputError(f"{option} {width} requires recorded taps; simulated taps keep their classes.")
+    check_there(data)
     sources = [simulated_source(preset, data_sets, seed)] if data_sets else []
     sources += [recorded_source(taps, division) for taps in data]
     settings = SensitivitySettings(trials=trials, seed=seed, strongest=strongest)

@@ -7,7 +7,7 @@ from typing import ClassVar
 import xarray as xr
 
 from ...models.errors import InputError, check_counts
-from ...models.io.load import TapSource
+from ...models.io.load import TapSource, check_there
 from ...models.progress import Progress, no_progress
 from ...models.settings import Division
 from ..page.page import Page, Row
@@ -128,6 +128,7 @@ def strategies(
         raise InputError("--presets none requires a file of recorded taps, or --regret.")
     if len(set(presets)) < len(presets):
         raise InputError(f"--presets names one twice: {','.join(presets)}.")
+    check_there(data)
     benches = [simulated_bench(name, data_sets, seed) for name in presets]
     benches += [recorded_bench(taps, division) for taps in data]
     settings = StrategySettings(trials=trials, seed=seed)

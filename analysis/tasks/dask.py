@@ -83,7 +83,11 @@ def _client(address: str, deadline: float, patience_s: float) -> Client:
         try:
             return Client(address, timeout=max(min(left, 5.0), 0.1), set_as_default=False)
         except (OSError, ValueError) as error:
-            if isinstance(error, ValueError) or time.monotonic() > deadline:
+            if isinstance(error, ValueError):
+                raise InputError(
+                    f"There is no Dask scheduler at {address}; name it as tcp://10.0.0.1:8786, with its port."
+                ) from error
+            if time.monotonic() > deadline:
                 raise InputError(f"There is no Dask scheduler at {address} after {patience_s:g} s.") from error
             time.sleep(0.2)
 

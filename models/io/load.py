@@ -94,8 +94,20 @@ def all_taps_of(sources: TapSource | Sequence[TapSource], missing: Missing | Non
         InputError: As `load_taps`, or they do not go together.
     """
     if isinstance(sources, Sequence) and not isinstance(sources, str):
+        check_there(sources)
         return concatenate([taps_of(part, missing) for part in sources], names_of(sources))
     return taps_of(sources, missing)
+
+
+def check_there(sources: Sequence[object]) -> None:
+    """Checks that all files exist before the first is read.
+
+    Raises:
+        InputError: One is missing.
+    """
+    for source in sources:
+        if isinstance(source, str | os.PathLike) and not Path(source).exists():
+            raise InputError(f"{source}: no such file.")
 
 
 def names_of(sources: Sequence[TapSource]) -> list[str]:

@@ -86,21 +86,24 @@ def register(function: "Callable[..., Any]", name: str | None = None) -> str:
 
 
 def model_name(model: AnyModel) -> str:
-    """Name of a model that is given by name or as a function, which is registered under its own name.
+    """Name of a model that is given by name, which is looked up, or as a function, registered under its own name.
 
     Raises:
-        InputError: As `register`.
+        InputError: As `register`, or the model is unknown.
     """
     if not (isinstance(model, str) or callable(model)):
         raise InputError(f"A model is a name or a NumPyro function, got {model!r}.")
-    return model if isinstance(model, str) else register(model)
+    if not isinstance(model, str):
+        return register(model)
+    measurement_model(split_name(model)[0])
+    return model
 
 
 def model_names(models: "AnyModel | Iterable[AnyModel]") -> list[str]:
-    """Names of one or more models, as `model_name`, each looked up, so that a typo is told before a study.
+    """Names of one or more models, as `model_name`.
 
     Raises:
-        InputError: As `register`, two functions have the same name, or a model is unknown.
+        InputError: As `model_name`, or two functions have the same name.
     """
     if isinstance(models, str) or callable(models):
         models = [models]
@@ -114,10 +117,7 @@ def model_names(models: "AnyModel | Iterable[AnyModel]") -> list[str]:
                 f"{count} functions are named {name!r}; register all but one under another name: "
                 'st.register(function, "my-model").'
             )
-    names = [model_name(model) for model in models]
-    for name in names:
-        measurement_model(split_name(name)[0])
-    return names
+    return [model_name(model) for model in models]
 
 
 def measurement_model(kind: str) -> "MeasurementModel":

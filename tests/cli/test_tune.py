@@ -207,7 +207,7 @@ def test_what_was_learned_is_kept_when_it_is_interrupted(recorded, tmp_path):
         (("--thresholds", "0.5,x"), "--thresholds must be numbers"),
         (("--online", 9, "--thresholds", "0.5,1"), "must be between 0 and 1"),
         (("--power", "learned"), "power"),
-        (("--model", "guess"), "the name of a measurement model"),
+        (("--model", "guess"), "Unknown model 'guess'"),
     ],
 )
 def test_nonsense_is_refused_in_a_sentence(call, recorded, tmp_path, words, said):
