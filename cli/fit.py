@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from typer import Option
 
-from ..analysis.tasks.crew import PATIENCE_S, crew_of
+from ..analysis.tasks.crew import PATIENCE_S, check_crew, crew_of
 from ..models.errors import InputError
 from ..models.settings import Division, FitSettings
 from .shared.interrupt import loading
@@ -113,6 +113,7 @@ def fit(
         raise InputError(f"--split {parts.method} gives {len(parts.folds)} models, but fit writes one; choose another.")
     fold = parts.folds[0]
     grid, dropped = trim(grid, [fold.train])
+    check_crew(crew)
     trained_on = f"{', '.join(path.name for path in data)}: {parts.description}"
     with bars() as progress:
         fitted, learned = fit_tempered(model, fold.train, grid, settings, trained_on, progress)

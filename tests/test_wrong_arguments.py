@@ -155,6 +155,13 @@ def test_a_wrong_argument_is_refused_in_a_sentence(taps, model, rig, case):
         call(Case(taps, model, rig))
 
 
+def test_an_audit_checks_its_samples_before_its_stages(taps, monkeypatch):
+    monkeypatch.setattr("solidtouch.analysis.audit.run.StageClock", None)
+
+    with pytest.raises(st.InputError, match="--pre 999: taps have "):
+        st.audit(*[taps.select(taps.session == session) for session in (0, 1)], pre=999)
+
+
 THERE, GONE = __file__, "no.nc"
 READ = "solidtouch.models.splits.taps_of"
 SIMULATED = "solidtouch.analysis.reproduce.report.simulated_split"

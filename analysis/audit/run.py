@@ -32,6 +32,7 @@ from .dependence.times import time_dependence
 from .detectable import SIMULATIONS as DESIGN_SIMULATIONS
 from .detectable import Detectable, enough
 from .guarantees import PromiseTest, exceeded, guarantees
+from .leakage.before_contact import check_pre
 from .leakage.run import Leakage, leakage
 from .remedies import RefusedRemedy, Remedy, beside_right, count_remedies, make_remedies
 from .remedy_scores import Measured, count_measurements, measure, policy_of
@@ -166,6 +167,8 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
             f"--target-error needs {FEWEST} tuning sessions or more, between the first file and the last, got "
             f"{len(parts.tune)}."
         )
+    if settings.pre is not None:
+        check_pre(settings.pre, parts.train.preprocessing.samples)
     clock = StageClock(progress)
     suspects = named_suspects(parts.all_taps, settings.covariates)
     taps = parts.all_taps.select(np.minimum(*parts.all_taps.indices(grid)) >= 0)

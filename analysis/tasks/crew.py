@@ -127,6 +127,19 @@ def on_runner(run: Runner) -> Crew:
     return results
 
 
+def check_crew(crew: Crew) -> None:
+    """Checks that a cluster answers, where its tasks come late.
+
+    Raises:
+        InputError: There is none.
+    """
+    list(crew(_nothing, [None], None))
+
+
+def _nothing(item: None, shared: None) -> None:
+    """A task that shows that there is somebody to do it."""
+
+
 class _Item(NamedTuple):
     """A task whose data all share."""
 

@@ -28,7 +28,9 @@ def test_a_scheduler_that_is_not_there_is_one_sentence(command, data, tmp_path, 
     assert done.err.splitlines()[-1] == "solidtouch: There is no Dask scheduler at tcp://127.0.0.1:1 after 0.2 s."
 
 
-def test_a_fit_has_simulations_to_spread(command, data, tmp_path):
+def test_a_fit_has_simulations_to_spread(command, data, tmp_path, monkeypatch):
+    """The scheduler is looked for before the fit."""
+    monkeypatch.setattr("solidtouch.inference.tuning.tempering.fit_tempered", None)
     words = "fit", data, "--out", tmp_path / "model.nc", *NOWHERE, "--patience", 0.2
     alone = command(*words)
     learned = command(*words, "--power", "learned:2", "--simulations", 19)
