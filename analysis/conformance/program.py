@@ -228,6 +228,8 @@ def _signal_name(number: int) -> str:
 def read_answers(folder: Path, name: str) -> Ended:
     """Answers that are a file already, as if a program had written them."""
     path = folder / f"{name}.jsonl"
+    if path.exists() and not path.is_file():
+        return Ended(b"", f"is not a file: {path}")
     try:
         with path.open("rb") as file:
             output = file.read(_MOST + 1)

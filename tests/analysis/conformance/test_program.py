@@ -1,5 +1,6 @@
 """Programs that fail, flood, hang, close their streams or leave others running are stopped and told apart."""
 
+import os
 import sys
 import time
 import tracemalloc
@@ -98,8 +99,8 @@ def test_a_flood_is_stopped_in_bounded_memory_where_all_cases_are_asked_together
 
 def test_right_answers_without_end_are_too_many(right):
     assert sentence(
-        f'{right}; n=5; while :; do echo \'{{"case":"root-j","tap":\'$n\'}}\'; n=$((n + 1)); done', 0.2
-    ) == ("FAILED it has not ended after 0.2 s and was stopped after 5 answers")
+        f'{right}; n=5; while :; do echo \'{{"case":"root-j","tap":\'$n\'}}\'; n=$((n + 1)); done', 0.5
+    ) == ("FAILED it has not ended after 0.5 s and was stopped after 5 answers")
 
 
 @pytest.mark.parametrize(
@@ -116,7 +117,7 @@ def test_a_program_that_hangs_is_stopped_with_what_it_started(code, what, tmp_pa
     began = time.monotonic()
 
     assert sentence(f"sleep 60 >&- 2>&- & echo $! >{tmp_path / 'child'}; {code}", 0.2) == f"FAILED it {what}"
-    assert time.monotonic() - began < 2.0
+    assert time.monotonic() - began < 20.0
     assert gone(tmp_path / "child")
 
 
@@ -126,20 +127,20 @@ def test_the_time_of_a_case_is_not_that_of_all():
     found = list(check_program(shell("sleep 60"), [CASE] * 3, Asked(timeout=0.1)))
 
     assert [verdict.status for verdict in found] == ["failed"] * 3
-    assert 0.3 <= time.monotonic() - began < 1.5
+    assert 0.3 <= time.monotonic() - began < 10.0
 
 
 @pytest.mark.parametrize(
     ("left", "what"),
     [
-        ("sleep 60", "kept its output open for 0.2 s and was stopped"),
-        ("sleep 60 >/dev/null", "kept its output open for 0.2 s and was stopped"),
+        ("sleep 60", "kept its output open for 0.5 s and was stopped"),
+        ("sleep 60 >/dev/null", "kept its output open for 0.5 s and was stopped"),
         ("sleep 60 >/dev/null 2>&1", "was stopped"),
     ],
 )
 def test_what_a_program_leaves_running_is_stopped_and_told(left, what, right, tmp_path):
     """The answers count."""
-    found = sentence(f"{left} & echo $! >{tmp_path / 'child'}; {right}", 0.2)
+    found = sentence(f"{left} & echo $! >{tmp_path / 'child'}; {right}", 0.5)
 
     assert found.startswith("pass, but it left a process running")
     assert found.endswith(what)
@@ -149,10 +150,10 @@ def test_what_a_program_leaves_running_is_stopped_and_told(left, what, right, tm
 def test_what_left_the_process_group_costs_no_more_than_the_timeout(right):
     """It cannot write any more."""
     began = time.monotonic()
-    found = sentence(f"setsid sleep 2 & {right}", 0.2)
+    found = sentence(f"setsid sleep 5 & {right}", 0.5)
 
     assert found == "pass, but it left a process running that could not be stopped, as it left the process group"
-    assert time.monotonic() - began < 1.0
+    assert time.monotonic() - began < 4.0
 
 
 def test_a_program_need_not_read_its_input():
@@ -187,6 +188,12 @@ def test_a_file_of_answers_may_have_so_many_bytes_and_no_more(tmp_path):
         file.truncate(1 << 32)
 
     assert "it has more than 24 MiB: " in described(*check_answers(tmp_path, [CASE], Asked()))
+
+
+def test_answers_are_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "root-j.jsonl")
+
+    assert "it is not a file: " in described(*check_answers(tmp_path, [CASE], Asked()))
 
 
 def test_lines_are_numbered_as_in_an_editor():
