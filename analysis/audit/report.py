@@ -23,7 +23,6 @@ from ..page.report import StudyReport
 from ..stats.right_exponent import SIMULATIONS as RIGHT_EXPONENTS
 from ..stats.right_model import SIMULATIONS
 from .checks import REPLICATES
-from .page import audit_page
 from .remedies import BASELINE, Remedy
 from .run import MOST_TAPS, Audit, AuditSettings, audit_taps
 from .summary import summarise
@@ -58,6 +57,8 @@ class AuditReport(StudyReport):
     summary: Row
 
     def _page(self) -> Page:
+        from .page import audit_page  # noqa: PLC0415 - loads matplotlib
+
         return audit_page(self.found, self.summary)
 
     @property

@@ -1,7 +1,9 @@
 """Audit of the naive-Bayes assumption on recorded taps: where it fails, what that costs, which remedy helps."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,12 +20,13 @@ from ...models.setting_file import Setting
 from ...models.taps import TapSet, concatenate
 from ...models.threads import one_blas_thread, other_threads
 from ..experiment.parts import AuditParts
+from ..page.html import draw_ahead
 from ..page.stages import StageClock
 from ..stats.evidence import evidence
 from ..stats.reliability import THETAS
 from ..stats.right_exponent import SIMULATIONS as RIGHT_EXPONENTS
 from ..stats.right_model import SIMULATIONS
-from ..stats.target_error import FEWEST, TargetError, session_curves, target_error
+from ..stats.target_error import FEWEST, TargetError
 from .checks import REPLICATES, audit_checks, count_replicates
 from .dependence.drift import against_drift, contrasts, recorded_time
 from .dependence.strata import evenly, strata
@@ -36,11 +39,12 @@ from .leakage.before_contact import check_pre
 from .leakage.run import Leakage, leakage
 from .remedies import RefusedRemedy, Remedy, beside_right, count_remedies, make_remedies
 from .remedy_scores import Measured, count_measurements, measure, policy_of
+from .thresholds import Recalibrated, recalibrate, tune_threshold
 from .variance.causes import SEQUENCE, split_variance
 from .variance.gains import Components, import_samplers, variance_components
 from .variance.split import session_p
 from .variance.suspects import Suspect, named_suspects
-from .verdict import NOT_ENOUGH, calibration, recommended
+from .verdict import NOT_ENOUGH, calibration
 
 SESSION_PERMUTATIONS = 999
 """Of the test of sessions at least: with few its p-value never falls below the level at which sessions are named."""
@@ -73,32 +77,6 @@ class AuditSettings:
     tuned_simulations: int = RIGHT_EXPONENTS
     most_taps: int = MOST_TAPS
     components: bool = True
-
-
-class Recalibrated(NamedTuple):
-    """The threshold at which decisions on tuning taps err as rarely as the threshold in use promises.
-
-    Attributes:
-        target: What it promises, 1 - theta.
-        reached: Whether any threshold does.
-        threshold: The smallest that does, or the one with the fewest errors.
-        tuned: P(wrong) on the tuning taps.
-        error: P(wrong) on the measuring taps.
-        taps: Mean reaction time there.
-        before: P(wrong) on the measuring taps at the threshold in use.
-        taps_before: Mean reaction time there.
-        tuning: P(wrong) of each tuning session at the threshold in use.
-    """
-
-    target: float
-    reached: bool
-    threshold: float
-    tuned: float
-    error: float
-    taps: float
-    before: float
-    taps_before: float
-    tuning: tuple[float, ...]
 
 
 class Audit(NamedTuple):
@@ -192,6 +170,25 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
                 "Sampling variance components",
                 lambda _: variance_components(taps.doubles, where * grid.M + what, taps.session, seed),
             )
+        tested, of_class = taps.select(some).taps, stratum[some]
+
+        def across_taxels(advance: Callable[[int], None]) -> xr.Dataset:
+            local = (
+                contrasts(taps.samples, stratum, recorded_time(taps), taps.session, settings.most_taps)
+                if by_session
+                else None
+            )
+            whole = taxel_dependence(tested, of_class, progress=advance, **options)
+            return against_drift(whole, local, progress=advance, **options)
+
+        classes = len(np.unique(stratum))
+        taxels = clock.beside(threads, "Testing taxels", across_taxels, 2 * classes)
+        times = clock.beside(
+            threads,
+            "Testing times",
+            lambda advance: time_dependence(tested, of_class, progress=advance, **options),
+            classes,
+        )
         with clock.stage("Fitting remedies", count_remedies(settings.models)) as advance:
             remedies, refused = make_remedies(
                 parts.train, parts.tune, grid, setting, SEQUENCE, seed, advance, settings.models
@@ -207,23 +204,13 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
             lambda advance: audit_checks(checked, _histograms(base.model), seed, settings.replicates, advance),
             count_replicates(checked, settings.replicates),
         )
-        tested = taps.select(some).taps
-        with clock.stage("Testing taxels", 2 * len(np.unique(stratum))) as advance:
-            local = (
-                contrasts(taps.samples, stratum, recorded_time(taps), taps.session, settings.most_taps)
-                if by_session
-                else None
-            )
-            whole = taxel_dependence(tested, stratum[some], progress=advance, **options)
-            taxels = against_drift(whole, local, progress=advance, **options)
-        with clock.stage("Testing times", len(np.unique(stratum))) as advance:
-            times = time_dependence(tested, stratum[some], progress=advance, **options)
         with clock.stage("Tuning on taps of a correct model", settings.tuned_simulations) as advance:
             own = parts.train, parts.tune, SEQUENCE, seed, advance, settings.tuned_simulations
             remedies = beside_right(remedies, *own)
         promises = clock.beside(
             threads, "Checking error bounds", lambda _: _promises(base, parts.measure, grid, settings, policy_of(base))
         )
+        draw_ahead(_figures(parts, leaks, taxels, times, checks, promises))
         with clock.stage("Measuring remedies", count_measurements(remedies, settings.simulations)) as advance:
             measured = measure(
                 remedies,
@@ -237,16 +224,16 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
             )
     (split, no_split, p), (promised, broken) = parted.result(), promises.result()
     with clock.stage("Tuning thresholds", 2) as advance:
-        recalibrated = _recalibrate(base, parts, settings)
+        recalibrated = recalibrate(base, parts, settings.trials, seed)
         advance(1)
         wanted = settings.target_error
-        target = None if wanted is None else _tune_threshold(remedies, measured, parts, wanted, seed)
+        target = None if wanted is None else tune_threshold(remedies, measured, parts, wanted, seed)
     return Audit(
         parts=parts,
         grid=grid,
         leakage=leaks.result(),
-        taxels=taxels,
-        times=times,
+        taxels=taxels.result(),
+        times=times.result(),
         by_session=by_session,
         components=None if components is None else components.result(),
         split=split,
@@ -265,6 +252,24 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
         unused=len(parts.measure) - len(base.model.usable(parts.measure)),
         elapsed_s=clock.elapsed_s,
     )
+
+
+def _figures(
+    parts: AuditParts,
+    leaks: Future[Leakage],
+    taxels: Future[xr.Dataset],
+    times: Future[xr.Dataset],
+    checks: Future[xr.DataTree],
+    promises: Future[tuple[xr.Dataset, dict[str, PromiseTest]]],
+) -> Iterator[partial[Any]]:
+    """Figures of stages that end before the last one, in their order."""
+    from . import figures, figures_checks, figures_reliability  # noqa: PLC0415 - loads matplotlib beside those stages
+
+    yield partial(figures.leakage, leaks.result())
+    yield partial(figures.taxel_map, taxels.result())
+    yield partial(figures.times, times.result(), parts.train.preprocessing.rate_hz)
+    yield partial(figures_checks.figure_checks, checks.result())
+    yield partial(figures_reliability.guarantee_factors, promises.result()[0])
 
 
 def _enough(base: Remedy, measured: Measured, settings: AuditSettings, clock: StageClock) -> list[Detectable]:
@@ -345,43 +350,3 @@ def _promises(
         trials=settings.trials // 2,
         simulations=settings.simulations,
     )
-
-
-def _recalibrate(base: Remedy, parts: AuditParts, settings: AuditSettings) -> Recalibrated:
-    setting = settings.setting
-    tuned, measured = (
-        session_curves(
-            base.model,
-            sessions,
-            base.grid,
-            seed=settings.seed,
-            trials=settings.trials,
-            play=setting.play,
-            fresh=True,
-        )[0]
-        for sessions in (parts.tune, [parts.measure])
-    )
-    error, target = tuned.error.mean(axis=0), 1 - setting.play.threshold
-    fine = np.flatnonzero(error <= target)
-    h = int(fine[0]) if len(fine) else int(error.argmin())
-    usual = int(np.searchsorted(tuned.theta, setting.play.threshold))
-    return Recalibrated(
-        target=target,
-        reached=bool(len(fine)),
-        threshold=float(tuned.theta[h]),
-        tuned=float(error[h]),
-        error=float(measured.error[0, h]),
-        taps=float(measured.taps[0, h]),
-        before=float(measured.error[0, usual]),
-        taps_before=float(measured.taps[0, usual]),
-        tuning=tuple(tuned.error[:, usual].tolist()),
-    )
-
-
-def _tune_threshold(
-    remedies: list[Remedy], measured: Measured, parts: AuditParts, wanted: float, seed: int
-) -> TargetError:
-    """The threshold for the wanted error, with the model that is recommended."""
-    name = recommended(measured) or remedies[0].name
-    chosen = next(remedy for remedy in remedies if remedy.name == name)
-    return target_error(chosen.model, parts.tune, wanted, chosen.grid, seed=seed, play=chosen.setting.play)

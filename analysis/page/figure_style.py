@@ -12,8 +12,9 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import cache, wraps
+from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -77,6 +78,7 @@ _STYLE: dict[Any, Any] = {
     "lines.linewidth": 1.0,
     "lines.markersize": 3.0,
     "figure.dpi": 100,
+    "figure.autolayout": False,
     "savefig.facecolor": "white",
     "svg.fonttype": "path",
     "svg.hashsalt": "solidtouch",
@@ -143,12 +145,34 @@ def new_figure(
     return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 
+class Drawing(NamedTuple):
+    """A figure and its SVG, the same bytes for the same figure."""
+
+    figure: Figure
+    svg: bytes
+
+
 @styled
-def save(figure: Figure, folder: str | Path, name: str, most: float = np.inf) -> tuple[Path, ...]:
+def drawing_of(figure: Figure) -> Drawing:
+    """Lays out a figure, once and for all, and draws it."""
+    from matplotlib.backends.backend_svg import FigureCanvasSVG  # noqa: PLC0415
+
+    FigureCanvasSVG(figure)  # whose text is measured
+    layout = figure.get_layout_engine()
+    if layout is not None:
+        layout.execute(figure)
+        figure.set_layout_engine(None)  # with an engine a figure is drawn twice
+    file = BytesIO()
+    figure.savefig(file, format="svg", dpi=300, metadata={"Date": None, "Creator": "solidtouch"})
+    return Drawing(figure, file.getvalue())
+
+
+@styled
+def save(figure: Figure | Drawing, folder: str | Path, name: str, most: float = np.inf) -> tuple[Path, ...]:
     """Writes `name.svg` into a folder; the same figure gives the same bytes.
 
     Args:
-        figure: The figure.
+        figure: The figure, drawn or not.
         folder: Where to.
         name: Of the file without its suffix.
         most: Bytes of a drawing above which `name.png` (200 dpi) is written as well.
@@ -160,13 +184,13 @@ def save(figure: Figure, folder: str | Path, name: str, most: float = np.inf) ->
         InputError: The folder cannot be written.
     """
     svg, png = Path(folder) / f"{name}.svg", Path(folder) / f"{name}.png"
+    drawing = figure if isinstance(figure, Drawing) else drawing_of(figure)
     with complete_file(svg, force=True) as temporary:
-        figure.savefig(temporary, format="svg", dpi=300, metadata={"Date": None, "Creator": "solidtouch"})
-    if svg.stat().st_size <= most:
+        temporary.write_bytes(drawing.svg)
+    if len(drawing.svg) <= most:
         return (svg,)
-    figure.set_layout_engine("none")  # laid out once, so that both show the same
     with complete_file(png, force=True) as temporary:
-        figure.savefig(temporary, format="png", dpi=_PNG_DPI)
+        drawing.figure.savefig(temporary, format="png", dpi=_PNG_DPI)
     return svg, png
 
 

@@ -237,9 +237,9 @@ def _tails(cells: BinnedTaps) -> float:
 
 def _slope_over_place(cells: BinnedTaps) -> float:
     """Share of the variance within classes that goes with the position within the class."""
-    explained = 0.0
+    explained, where = 0.0, cells.labels.taps.where
     for own in cells.labels.each():
-        place = cells.labels.taps.where[own] - cells.labels.taps.where[own].mean()
+        place = where[own] - where[own].mean()
         square = float(place @ place)
         if square > 0:
             product = place @ cells.residual[own].reshape(len(place), -1)

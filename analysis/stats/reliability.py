@@ -220,12 +220,12 @@ def headline(data: xr.Dataset, policy: str, theta: float) -> dict[str, Any]:
         Scores with the ends of their intervals: of the trials that stop, of `all trials`, and of `each` object; what
         they decide about, shares that stopped and used up the stored taps, and the confusion.
     """
-    at = at_stopping(data, policy).sel(theta=theta, method="nearest")
+    at = at_stopping(data, policy).sel(theta=theta, method="nearest").transpose("counted", "what", ...)
     names = [str(name) for name in at["what"].values]
 
     def value(name: str, counted: str, what: str) -> list[float | None]:
-        cell = at.sel(counted=counted, what=what)
-        return [plain(float(cell[name + suffix])) for suffix in ("", "_low", "_high")]
+        cell = COUNTED.index(counted), names.index(what)
+        return [plain(float(at[name + suffix].values[cell])) for suffix in ("", "_low", "_high")]
 
     keys = ("factor", "over_promise", "wrong", "doubt", "calibration_error", "log_loss", "brier", "taps")
     return {
