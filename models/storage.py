@@ -10,11 +10,12 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, cast
 
 from .errors import InputError
+from .io.untrusted import check_size, is_sealed, read_first, seal
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -82,53 +83,11 @@ def write_groups(groups: "Mapping[str, xr.Dataset]", path: str | Path, force: bo
 
     with complete_file(path, force) as temporary:
         xr.DataTree.from_dict(groups).to_netcdf(temporary, engine="h5netcdf")
+        seal(temporary)
 
 
 ON_DISK = 1 << 28
 """Bytes above which samples stay on disk."""
-
-
-_DENSEST = 250  # times the size of a file that its content may have; measured samples are packed 2 to 30 times
-
-
-def check_size(path: Path, declared: int, in_memory: int | None = None) -> None:
-    """Checks the size of what a file says that it holds, before it is read.
-
-    Args:
-        path: The file or folder.
-        declared: Bytes of its arrays, unpacked.
-        in_memory: How many of them are in memory at once; default all.
-
-    Raises:
-        InputError: They are more than 256 MiB and 250 times the file, or more than the memory that is available.
-    """
-    if declared > ON_DISK and declared > _DENSEST * (held := _size(path)):
-        raise InputError(
-            f"declares arrays of {in_bytes(declared)} in {in_bytes(held)}; more than {_DENSEST} times its size is not "
-            "read."
-        )
-    needed, there = declared if in_memory is None else in_memory, available_memory()
-    if needed > there:
-        raise InputError(f"needs {in_bytes(needed)} of memory, but {in_bytes(there)} are available.")
-
-
-def _size(path: Path) -> int:
-    return sum(file.stat().st_size for file in (path.rglob("*") if path.is_dir() else (path,)))
-
-
-def in_bytes(number: int) -> str:
-    """A number of bytes with a unit, such as `"8.7 GB"`."""
-    power = min(max(len(str(number)) - 1, 0) // 3, 6)
-    return f"{number / 1000**power:.3g} {('bytes', 'kB', 'MB', 'GB', 'TB', 'PB', 'EB')[power]}"
-
-
-def available_memory() -> int:
-    """Bytes of memory that programs can still have; all of it where the system does not tell, 1 TB if unknown."""
-    with suppress(OSError), Path("/proc/meminfo").open(encoding="ascii") as lines:
-        return 1024 * next(int(line.split()[1]) for line in lines if line.startswith("MemAvailable"))
-    with suppress(AttributeError, ValueError, OSError):
-        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    return 10**12
 
 
 def spooled(
@@ -176,6 +135,8 @@ def read_groups(path: str | Path, names: Iterable[str], on_disk: str = "") -> "d
     if not path.exists():
         raise InputError(f"{path}: no such file.")
     try:
+        if not is_sealed(path) and not read_first("hdf5_trial", path):
+            raise OSError
         with h5py.File(path, "r") as file:
             file.visititems(lambda *_: None)  # if this fails, xarray would leave the file open
             there = {name for name in names if name in file}

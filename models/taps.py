@@ -44,6 +44,7 @@ from .blocks import (
 )
 from .errors import InputError, check_numbers, printable, printable_name
 from .grid import ClassGrid, group, parse_length, values_from_names
+from .io.untrusted import seal
 from .preprocessing import Preprocessing
 from .settings import Missing, check_missing
 from .storage import check_netcdf_name, check_writable, complete_file, read_groups, read_zarr
@@ -409,6 +410,7 @@ class TapSet:
                 write_in_blocks(self.dataset, "taps", temporary)
             else:
                 self.dataset.to_netcdf(temporary, engine="h5netcdf")
+                seal(temporary)
 
     @classmethod
     def load(cls, path: str | Path, missing: Missing = "refuse") -> Self:

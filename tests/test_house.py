@@ -59,7 +59,7 @@ EDGES = {
     "dask": ("analysis/tasks/dask.py",),
     "distributed": ("analysis/tasks/dask.py",),
     "h5netcdf": ("models/blocks.py",),
-    "h5py": ("models/io/mat.py", "models/storage.py"),
+    "h5py": ("models/io/hdf5_trial.py", "models/io/mat.py", "models/storage.py"),
     "jax": (
         "analysis/audit/variance/gains.py",
         "analysis/conformance/routes.py",

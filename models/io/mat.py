@@ -14,8 +14,8 @@ from .. import storage
 from ..blocks import BLOCK
 from ..errors import InputError
 from .arrays import KNOWN, ROW_VECTORS, TABLE_VECTORS, TEXTS, check_present
-
-type Content = NDArray[Any] | str
+from .mat_v5 import Content, read_v5
+from .untrusted import check_size, read_first
 
 
 def read_mat(path: Path) -> dict[str, NDArray[Any]]:
@@ -26,7 +26,7 @@ def read_mat(path: Path) -> dict[str, NDArray[Any]]:
     """
     import h5py  # noqa: PLC0415
 
-    content = _read_v73(path) if h5py.is_hdf5(path) else _read_v5(path)
+    content = _read_v73(path) if h5py.is_hdf5(path) else read_v5(path)
     arrays = {}
     for name, value in content.items():
         if isinstance(value, str) and name in KNOWN:
@@ -49,43 +49,17 @@ def _arranged(arrays: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     return arrays
 
 
-def _read_v5(path: Path) -> dict[str, Content]:
-    from scipy.io import loadmat  # noqa: PLC0415
-    from scipy.io.matlab import matfile_version  # noqa: PLC0415
-
-    try:
-        version = matfile_version(str(path))[0]
-        content = loadmat(path) if version == 1 else None
-    except Exception as error:  # SciPy raises many kinds for a damaged file
-        raise InputError("not a MATLAB file of version 5 to 7.3, or damaged or truncated.") from error
-    if content is None:
-        raise InputError("not a MATLAB file of version 5 to 7.3.")
-    return {name: _plain(value) for name, value in content.items() if not name.startswith("__")}
-
-
-def _plain(value: Any) -> Content:
-    """Array of a variable as read by SciPy, or the name of its type if unsupported."""
-    if type(value) is not np.ndarray or value.dtype.names is not None:
-        return "struct, sparse matrix, function, string or object"
-    if value.dtype.kind == "U":
-        return np.array([row.rstrip() for row in value.reshape(-1).tolist()], dtype=np.str_)
-    if value.dtype != object:
-        return value
-    cells = [np.asarray(cell) for cell in value.reshape(-1, order="F")]
-    if not all(cell.dtype.kind == "U" and cell.size <= 1 for cell in cells):
-        return "cell array with other content than one text per cell"
-    return np.array(["".join(cell.reshape(-1).tolist()) for cell in cells], dtype=np.str_)
-
-
 def _read_v73(path: Path) -> dict[str, Content]:
     import h5py  # noqa: PLC0415
 
+    if not read_first("hdf5_trial", path):
+        raise InputError("damaged MATLAB 7.3 file.")
     try:
         with h5py.File(path, "r") as file:
             nodes = {name: file[name] for name in map(str, file) if not name.startswith("#")}
             check_present(nodes)
             sizes = [node.nbytes for node in nodes.values() if isinstance(node, h5py.Dataset)]
-            storage.check_size(path, sum(sizes), sum(size for size in sizes if size <= storage.ON_DISK))
+            check_size(path, sum(sizes), sum(size for size in sizes if size <= storage.ON_DISK))
             return {name: _read_node(file, node) for name, node in nodes.items()}
     except InputError:
         raise

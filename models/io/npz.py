@@ -20,6 +20,7 @@ from .. import storage
 from ..blocks import BLOCK
 from ..errors import InputError
 from .arrays import check_layout, is_used
+from .untrusted import check_size, in_bytes
 
 _NAME_LENGTH = 26  # where the length of its name stands in the header of a member
 _NAME = 30
@@ -58,7 +59,7 @@ def read_npz(path: Path) -> dict[str, NDArray[Any]]:
             samples = check_layout(declared)
             used = {name for name in declared if is_used(name, declared[name], declared[samples])}
             sizes = [declared[name].nbytes for name in used]
-            storage.check_size(path, sum(sizes), sum(size for size in sizes if size <= storage.ON_DISK))
+            check_size(path, sum(sizes), sum(size for size in sizes if size <= storage.ON_DISK))
             return {
                 name: _read(path, archive, members[name], name, array)
                 if name in used
@@ -87,8 +88,8 @@ def _declared(archive: zipfile.ZipFile, member: zipfile.ZipInfo, name: str) -> _
     if dtype.hasobject:
         raise InputError(f"array {name} contains pickled objects, which are refused.")
     if declared.header + declared.nbytes != member.file_size or min(shape, default=0) < 0:
-        there = storage.in_bytes(member.file_size - declared.header)
-        raise InputError(f"array {name} is damaged (its header says {storage.in_bytes(declared.nbytes)}, not {there}).")
+        there = in_bytes(member.file_size - declared.header)
+        raise InputError(f"array {name} is damaged (its header says {in_bytes(declared.nbytes)}, not {there}).")
     return declared
 
 
@@ -113,7 +114,7 @@ def _read(
                 unpacked = storage.spooled(iter(partial(file.read, BLOCK), b""), shape, dtype, order)
                 if unpacked is not None:
                     return unpacked
-                storage.check_size(path, declared.nbytes)
+                check_size(path, declared.nbytes)
         with archive.open(member) as file:
             return npy.read_array(file, allow_pickle=False)
     except _DAMAGE as error:

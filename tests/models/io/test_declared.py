@@ -11,8 +11,8 @@ import zarr
 from numpy.lib import format as npy
 from solidtouch.models import storage
 from solidtouch.models.errors import InputError
+from solidtouch.models.io import untrusted
 from solidtouch.models.io.load import load_taps
-from solidtouch.models.storage import in_bytes
 
 LARGE = (1_000_000, 1_000, 1_000)
 TOO_MUCH = r"declares arrays of 8 TB in [\d.]+ kB; more than 250 times its size is not read\."
@@ -28,7 +28,7 @@ def unread(monkeypatch):
     """No data of an archive are read."""
     monkeypatch.setattr(npy, "read_array", lambda *_, **__: pytest.fail("data were read"))
     monkeypatch.setattr(storage, "spooled", lambda *_, **__: pytest.fail("data were unpacked"))
-    monkeypatch.setattr(storage, "ON_DISK", 100_000)
+    monkeypatch.setattr(untrusted, "_SMALL", 100_000)
 
 
 BAD = {
@@ -52,7 +52,7 @@ def test_an_archive_is_refused_by_its_headers(changes, sentence, arrays, tmp_pat
 
 
 def test_an_array_without_use_is_not_read(arrays, tmp_path, monkeypatch):
-    monkeypatch.setattr(storage, "ON_DISK", 100_000)
+    monkeypatch.setattr(untrusted, "_SMALL", 100_000)
     np.savez_compressed(tmp_path / "taps.npz", **arrays, photograph=np.zeros(10**7))
 
     assert len(load_taps(tmp_path / "taps.npz")) == 24
@@ -121,7 +121,7 @@ def test_what_does_not_fit_into_memory_is_refused_with_both_numbers(ending, make
         make_taps().save(tmp_path / "taps.nc")
     else:
         np.savez(tmp_path / "taps.npz", **arrays)
-    monkeypatch.setattr(storage, "available_memory", lambda: 1_500)
+    monkeypatch.setattr(untrusted, "available_memory", lambda: 1_500)
 
     with pytest.raises(InputError, match=rf"taps{ending}: needs [\d.]+ kB of memory, but 1\.5 kB are available\."):
         load_taps(tmp_path / f"taps{ending}")
@@ -131,8 +131,8 @@ def test_what_does_not_fit_into_memory_is_refused_with_both_numbers(ending, make
     ("number", "text"), [(0, "0 bytes"), (999, "999 bytes"), (7_800_000, "7.8 MB"), (10**24, "1e+06 EB")]
 )
 def test_bytes_have_a_unit(number, text):
-    assert in_bytes(number) == text
+    assert untrusted.in_bytes(number) == text
 
 
 def test_some_memory_is_available():
-    assert 1 << 20 < storage.available_memory() < 1 << 50
+    assert 1 << 20 < untrusted.available_memory() < 1 << 50
