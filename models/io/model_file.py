@@ -176,6 +176,8 @@ def _model(groups: Mapping[str, xr.Dataset], story: Callable[..., Any] | str | N
         "seed": int(attributes.get("seed", 0)),
     }
     if attributes["kind"] in KINDS:
+        if story is not None:
+            raise StoryError(f"the {attributes['kind']} model is built in and takes no function (--story).")
         model = measurement_model(attributes["kind"]).read(attributes, data, parameters, common)
     else:
         model = read_generic(attributes, data, parameters, common | {"posterior": None}, story)

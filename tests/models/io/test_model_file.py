@@ -20,6 +20,7 @@ from solidtouch.models.measurement.student import StudentPosterior
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.settings import FitSettings
 from solidtouch.models.storage import write_groups
+from solidtouch.models.taps import TapSet
 
 L, M, J, K, B = 3, 4, 6, 5, 9
 NAMES = [*registry.NAMES, "session:profile"]
@@ -454,3 +455,23 @@ def test_records_of_other_sizes_are_refused(fitted, tmp_path):
 
     with pytest.raises(InputError, match=r"level .* has shape \(3, 4, 6, 5\) instead of \(3, 4, 7, 5\)"):
         load_model(tmp_path / "model.nc")
+
+
+def test_a_built_in_model_takes_no_function(taps, grid, tmp_path):
+    """Whose name could be wrong without anybody noticing."""
+    fit(taps, grid, bins=B).save(tmp_path / "model.nc")
+
+    with pytest.raises(InputError, match=r"model\.nc: the histogram model is built in and takes no function"):
+        load_model(tmp_path / "model.nc", story="no.py:walk")
+
+
+def test_a_model_names_the_origin_of_its_taps(taps, grid, tmp_path):
+    """Also in its file; one of an older version names none."""
+    model = fit(TapSet(taps.dataset.assign_attrs(source="a bench")), grid, bins=B)
+    model.save(tmp_path / "model.nc")
+    groups = model.groups()
+    del groups["/"].attrs["source"]
+    write_groups(groups, tmp_path / "old.nc")
+
+    assert load_model(tmp_path / "model.nc").source == model.source == "a bench"
+    assert load_model(tmp_path / "old.nc").source == ""
