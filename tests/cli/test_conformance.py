@@ -1,8 +1,10 @@
 """`solidtouch conformance` as a user calls it."""
 
 import json
+import os
 import shlex
 import sys
+import time
 
 import pytest
 from foreign_programs import FOLDER, node
@@ -64,6 +66,17 @@ def test_a_program_that_prints_rubbish_is_told_so():
 
     assert code == 1
     assert "root-j FAILED it writes a line 1 that is no JSON object: '1' 0 of 1 cases pass, 1 failed." in text
+
+
+@pytest.mark.parametrize(("name", "code"), [("TERM", 143), ("INT", 130)])
+def test_a_signal_ends_the_program_too(command, tmp_path, name, code):
+    script = f"echo $$ >{tmp_path / 'number'}; kill -{name} $PPID; exec sleep 60"
+    began = time.monotonic()
+    done = command("conformance", "check", "--command", shlex.join(["sh", "-c", script]), "--case", "root-j")
+
+    assert (done.code, time.monotonic() - began < 30) == (code, True)
+    with pytest.raises(ProcessLookupError):
+        os.kill(int((tmp_path / "number").read_text()), 0)
 
 
 def test_functions_print_and_write_what_the_command_does(command, tmp_path):
