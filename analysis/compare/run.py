@@ -26,11 +26,13 @@ from ...models.progress import Progress, ShownHere
 from ...models.settings import FitSettings, PlaySettings
 from ...models.taps import TapSet
 from ...models.threads import cores, in_order, one_blas_thread
+from ..page.html import draw_ahead
 from ..page.stages import StageClock
 from ..stats.checks import REPLICATES, predictive_checks
 from ..stats.decisions import at_equal_taps, decision_curves, planned, play_models
 from ..tasks.crew import ONE_BY_ONE, Crew, on_threads
 from ..tasks.kept import Kept
+from . import figures
 from .classes import class_scores
 from .groups import UNITS, known_taps
 from .left_out import LeftGroups, leave_out_groups
@@ -133,16 +135,20 @@ def compare_models(
     shared = _shared(fits, test)
     how = settings.folds, settings.one_recording, settings.seed
     left = LeftGroups(settings.leave_out, train, test, grid, fit, *how, all_registered(), Kept())
-    decided = partial(_decide, fits, shared, grid, settings, clock, each)
-    parts: list[Callable[[], Any]] = [
-        decided,
-        partial(_leave_out_taps, fits, train, settings, clock, each),
-        partial(leave_out_groups, fits, left, clock, crew),
-        partial(_check_predictions, fits, train, grid, settings, clock, each),
-    ]
+    decide = partial(_decide, fits, shared, grid, settings, clock, each)
+
+    def predict() -> tuple[Any, ...]:
+        return (
+            _leave_out_taps(fits, train, settings, clock, each),
+            leave_out_groups(fits, left, clock, crew),
+            _check_predictions(fits, train, grid, settings, clock, each),
+        )
+
     several = crew is None and all(split_name(name)[0] in KINDS for name in fits)  # as NumPyro runs in one thread
-    found = in_order(parts, cores(None) if several else 1, lambda part: part is decided)
-    (classes, played, mixed), left_out, (groups, elpd, sentence, missing), (checks, unchecked) = found
+    parts: list[Callable[[], Any]] = [decide, predict]
+    decisions, predictions = in_order(parts, cores(None) if several else 1, lambda part: part is decide)
+    classes, curves, equal, mixed = decisions
+    left_out, (groups, elpd, sentence, missing), (checks, unchecked) = predictions
     missing += [reason for reason in (unchecked, mixed) if reason]
     return Comparison(
         grid=grid,
@@ -158,8 +164,8 @@ def compare_models(
         missing=missing,
         checks=checks,
         classes=classes,
-        curves=decision_curves(played),
-        equal=at_equal_taps(played),
+        curves=curves,
+        equal=equal,
         test_taps=len(shared),
         elapsed_s=clock.elapsed_s,
     )
@@ -252,11 +258,12 @@ def _shared(fits: dict[str, Fitted], test: TapSet) -> TapSet:
 
 def _decide(
     fits: dict[str, Fitted], test: TapSet, grid: ClassGrid, settings: CompareSettings, clock: StageClock, crew: Crew
-) -> tuple[xr.Dataset, xr.Dataset, str]:
-    """Scores of beliefs after fixed numbers of taps, trials played, and what these mix, if they do."""
+) -> tuple[xr.Dataset, xr.Dataset, xr.Dataset, str]:
+    """Scores of beliefs, decisions at each threshold and at equal taps, and what trials mix, if they do."""
     with clock.stage("Scoring beliefs", len(fits)) as advance:
         tables = dict(zip(fits, crew(_table, map(PortableFit, fits.values()), test, advance), strict=True))
         classes = class_scores(tables, settings.seed, resamples=settings.resamples)
+    draw_ahead(partial(draw, classes, grid) for draw in (figures.class_scores, figures.class_differences))
     table = next(iter(tables.values()))
     with clock.stage("Playing trials", planned(len(tables), grid, settings.trials, settings.resamples)) as advance:
         played = play_models(
@@ -269,7 +276,10 @@ def _decide(
             resamples=settings.resamples,
             progress=advance,
         )
-    return classes, played, sessions_in_words(table) if len(table.pool.count) == 1 else ""
+    curves, equal = decision_curves(played), at_equal_taps(played)
+    drawn = partial(figures.decision_curves, curves, grid), partial(figures.decision_differences, equal, grid)
+    draw_ahead((*drawn, partial(figures.miscalibration, curves)))
+    return classes, curves, equal, sessions_in_words(table) if len(table.pool.count) == 1 else ""
 
 
 def _check_predictions(
