@@ -9,11 +9,15 @@ SETTINGS = StageSettings(port="scripted", x=X, y=Y, boot_s=2.0, homing_s=30.0)
 VALUES = {1: 255, 10: 1, 13: 0, 20: 1, 21: 1, 22: 1, 23: 0, 27: 1.0}
 VALUES |= {first + i: value for first, value in ((100, 250), (110, 3000), (120, 500), (130, 200)) for i in range(3)}
 BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"
-VERSION = b"$I\n", b"[VER:1.1h.20190830:]\r\n[OPT:V,15,128]\r\nok\r\n"
+PROTECT = (
+    (b"G80G21\n", b"ok\r\n"),
+    (b"$G\n", b"[GC:G80 G54 G17 G21 G90 G94 M5 M9 T0 F0 S0]\r\nok\r\n"),
+)
 
 
-def report(x_mm=0.0, y_mm=0.0, state="Idle", more="|FS:0,0"):
-    """A status report of a place in the rig frame."""
+def report(x_mm=0.0, y_mm=0.0, state="Idle", more=None):
+    """A status report of a place in the rig frame, in motion without a speed."""
+    more = ("|FS:0,0" if state == "Idle" else "|Ov:100,100,100") if more is None else more
     return f"<{state}|MPos:{X.machine_mm(x_mm):.3f},{Y.machine_mm(y_mm):.3f},0.000{more}>\r\n".encode()
 
 
@@ -27,9 +31,14 @@ def dollar(**changed):
     return b"$$\n", lines.encode() + b"ok\r\n"
 
 
-def jog(x_mm=None, y_mm=None, feed=1200.0, answer=b"ok\r\n"):
-    words = "".join(f"{axis.letter}{axis.machine_mm(mm):.4f}" for axis, mm in ((X, x_mm), (Y, y_mm)) if mm is not None)
-    return f"$J=G53G90G21{words}F{feed:.3f}\n".encode(), answer
+def jog(x_mm=0.0, y_mm=0.0, feed=1200, answer=b"ok\r\n"):
+    """A jog to a place in the rig frame."""
+    return f"$J=G53X{X.machine_mm(x_mm):.4f}Y{Y.machine_mm(y_mm):.4f}Z0.0000F{feed}\n".encode(), answer
+
+
+def back(x_mm=0.0, y_mm=0.0, feed=720, answer=b"ok\r\n"):
+    """A jog by a distance in the rig frame."""
+    return f"$J=G91X{x_mm:.4f}Y{-y_mm:.4f}Z0.0000F{feed}\n".encode(), answer
 
 
 class Notes(NoJournal):
@@ -48,4 +57,4 @@ class Notes(NoJournal):
         self.sent.append(told[2])
 
 
-READY = status(), VERSION, dollar(), status()
+READY = status(), dollar(), status(), *PROTECT, status()

@@ -1,11 +1,12 @@
-"""Taps an emulated rig under random faults and reports the outcome; `make faults`.
+"""Taps an emulated rig under random faults, damages its commands, and reports the outcome; `make faults`.
 
 Before about every other tap a random fault with random parameters is switched on. Errors that the drivers report are
 handled as at a real bench: the run records them, the fault is removed, and the rig is reopened and homed. Every
 accepted tap is compared with the true readings of the emulated finger.
 
 The run fails unless every call ends within its deadline, no accepted tap is wrong, no move leaves the limits, and every
-fault either leaves the taps unchanged or is reported.
+fault either leaves the taps unchanged or is reported. Then every byte of every command is damaged, as described in
+`damage`.
 """
 
 import argparse
@@ -29,6 +30,8 @@ from solidtouch.hardware.journal import NoJournal
 from solidtouch.hardware.rig.open_rig import build_rig, connected
 from solidtouch.hardware.rig.rig import Rig
 from solidtouch.models import seeds
+
+from . import damage
 
 _OPERATOR_S = 1.0
 _SETTLED_S = 1.0
@@ -327,13 +330,22 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--taps", type=int, default=200, help="accepted taps per seed")
     parser.add_argument("--seeds", type=int, default=3, help="number of seeds")
+    parser.add_argument("--positions", type=int, default=12, help="positions of the collection with damaged commands")
+    parser.add_argument("--stride", type=int, default=1, help="run every n-th damaged command only")
     arguments = parser.parse_args()
     outcomes = {}
     for seed in range(arguments.seeds):
         with tempfile.TemporaryDirectory() as folder:
             outcomes[seed] = run(seed, arguments.taps, Path(folder))
     show(outcomes, Console())
-    if any(outcome.wrong or outcome.misplaced or outcome.outside or outcome.uncounted for outcome in outcomes.values()):
+    with Progress(*Progress.get_default_columns(), console=Console(stderr=True)) as progress:
+        task = progress.add_task("damaged commands", total=damage.count(arguments.positions, arguments.stride))
+        tally = damage.run(arguments.positions, arguments.stride, lambda n: progress.advance(task, n))
+    Console().print(damage.table(tally))
+    Console().print(damage.sentence(tally))
+    if tally.failed or any(
+        outcome.wrong or outcome.misplaced or outcome.outside or outcome.uncounted for outcome in outcomes.values()
+    ):
         raise SystemExit(1)
 
 

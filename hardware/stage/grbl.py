@@ -28,12 +28,18 @@ RESET = b"\x18"
 """Real-time; in motion it loses the position (ALARM:3). Ignore everything up to the banner."""
 JOG_CANCEL = b"\x85"
 """Real-time; ignored unless jogging."""
+HOLD = b"!"
+"""Real-time; brakes a motion that is not a jog."""
 
 HOME = b"$H\n"
 """Answered after homing, which may take minutes; no status meanwhile."""
 SETTINGS = b"$$\n"
-"""Refused (error 8) while moving."""
-BUILD_INFO = b"$I\n"
+"""Refused (error 8) while moving, except in a jog. It also completes what another line left incomplete: one lost,
+added or flipped byte makes nothing of it that moves, while one bit turns `$I` into homing."""
+NO_MOTION = b"G80G21\n"
+"""Cancels G-code's motion mode, so that the rest of a jog that a line end has cut is refused (error 31) instead of a
+rapid move, and sets millimetres, so that no jog needs a units word, which one flipped bit would turn into inches."""
+PARSER_STATE = b"$G\n"
 
 ERRORS = {
     1: "a word does not start with a letter",
@@ -48,6 +54,7 @@ ERRORS = {
     16: "the jog command is malformed",
     20: "the command is not supported",
     22: "the feed rate is missing",
+    31: "motion is cancelled (G80)",
 }
 """Descriptions of the errors that a stage may give (error_codes_en_US.csv)."""
 
@@ -252,35 +259,28 @@ _FORMS = (
 )
 
 
-def jog(
-    feed_mm_min: float,
-    *,
-    x_mm: float | None = None,
-    y_mm: float | None = None,
-    z_mm: float | None = None,
-    relative: bool = False,
-) -> bytes:
+def jog(feed_mm_min: float, to_mm: Vector, *, relative: bool = False) -> bytes:
     """Command of a jog, which keeps the modal state and, beyond soft limits, is refused (error 15) without an alarm.
 
-    Lengths have 4 decimals; a step of the default configuration is 0.004 mm.
+    It names all three axes, so that a damaged letter repeats another, and its feed last, so that a lost end has none.
+    Lengths have 4 decimals, so that a lost point exceeds the travel; a step of the default configuration is 0.004 mm.
+    Units are the modal ones, see `NO_MOTION`.
 
     Args:
         feed_mm_min: Speed in mm/min.
-        x_mm: Target in machine coordinates in mm, or distance if relative.
-        y_mm: The same for y.
-        z_mm: The same for z.
+        to_mm: Target in machine coordinates in mm, or distances if relative.
         relative: Whether targets are distances; never resend such a command blindly.
 
     Raises:
-        ValueError: No axis is given, a number is not finite, the feed rounds to 0, or the line is too long.
+        ValueError: A number is not finite, the feed rounds to 0, or the line is too long.
     """
-    axes = {name: mm for name, mm in zip("XYZ", (x_mm, y_mm, z_mm), strict=True) if mm is not None}
-    if not axes or not all(map(math.isfinite, axes.values())):
-        raise ValueError(f"A jog needs at least one axis and finite targets, got {axes}.")
+    if not all(map(math.isfinite, to_mm)):
+        raise ValueError(f"A jog needs finite targets, got {to_mm}.")
     if not (math.isfinite(feed_mm_min) and feed_mm_min >= 0.001):
         raise ValueError(f"A jog needs a feed of at least 0.001 mm/min, got {feed_mm_min}.")
-    words = "".join(f"{name}{mm:z.4f}" for name, mm in axes.items())
-    line = f"$J={'G91' if relative else 'G53G90'}G21{words}F{feed_mm_min:.3f}"
+    words = "".join(f"{name}{mm:z.4f}" for name, mm in zip("XYZ", to_mm, strict=True))
+    feed = f"{feed_mm_min:.3f}".rstrip("0").rstrip(".")
+    line = f"$J={'G91' if relative else 'G53'}{words}F{feed}"
     if len(line) > LONGEST_COMMAND:
         raise ValueError(f"A command has at most {LONGEST_COMMAND} characters, got {len(line)}: {line[:40]}...")
     return line.encode("ascii") + b"\n"

@@ -25,12 +25,15 @@ from .grbl import Error, State, StatusReport
 from .state import ControllerState
 
 POLL_S = 0.1
-"""Time in seconds between two status requests; GRBL recommends at most 10 per second (interface.md)."""
+"""Time in seconds between two status requests at rest; GRBL recommends at most 10 per second (interface.md)."""
+MOVING_POLL_S = 0.03
+"""The same in a motion, in which it limits how far a stage strays; a report takes 5 ms of the line."""
 SILENT_POLLS = 20
 """Unanswered requests after which the link is dead; a restarting controller may be silent for 1.5 s."""
 ANSWER_S = 0.5
 """Timeout in seconds for the answer to a line, which takes milliseconds."""
 _KNOCK_S = 0.25
+_AT_REST = (State.IDLE, State.ALARM)
 _DEAF_S = 1.0  # a reset is ignored while an alarm is printed
 
 
@@ -75,7 +78,7 @@ class GrblLink:
         self.port.close()
 
     def greet(self, boot_s: float, may_reset: bool = False) -> None:
-        """Waits until the controller answers `$I`, including its boot if opening the port reset it.
+        """Waits until the controller is at rest and answers `$$`, including its boot if opening the port reset it.
 
         The first line must not be empty: it would complete a jog that a killed program left incomplete.
 
@@ -96,24 +99,25 @@ class GrblLink:
                 raise self._stranger(boot_s)
             may_reset, until = False, self.loop.now + boot_s
             self.write(grbl.RESET)
-        if self.said.version is None or not self.said.version.startswith("1.1"):
-            raise WrongDevice(f"{self.port.address}: requires GRBL 1.1, the controller has {self.said.version}.")
+        if self.said.banner is not None and not self.said.banner.version.startswith("1.1"):
+            raise WrongDevice(f"{self.port.address}: requires GRBL 1.1, the controller has {self.said.banner.version}.")
 
     def _introduced(self) -> bool:
-        """Whether the controller has answered and sent its version."""
+        """Whether the controller is at rest and has sent its settings; only GRBL 1.1 reports and prints them so."""
         before = self.said.reports + self.said.starts
         self.write(grbl.STATUS)
         if not self.wait(lambda: self.said.reports + self.said.starts > before, _KNOCK_S):
             return False
-        self.said.version = None
+        self.said.values.clear()
+        rests = self.said.status is None or self.said.status.state in _AT_REST
         with suppress(CommandRefused):  # it may complete a line that another program left incomplete
-            if self.ask(grbl.BUILD_INFO) and self.said.version is not None:
+            if self.ask(grbl.SETTINGS) and self.said.values and rests:
                 return True
         self.wait(lambda: False, _KNOCK_S)
         return False
 
     def _stranger(self, boot_s: float) -> RigError:
-        if self.said.status is not None and self.said.status.state not in (State.IDLE, State.ALARM):
+        if self.said.status is not None and self.said.status.state not in _AT_REST:
             return StageFault(
                 f"{self.port.address}: the controller must be idle, but was in state {self.said.status.state} for "
                 f"{boot_s:g} s; wait until it ends or reset it."
@@ -157,7 +161,7 @@ class GrblLink:
         if self._half_line:
             self._half_line = False
             with suppress(CommandRefused):
-                self.ask(grbl.BUILD_INFO)
+                self.ask(grbl.SETTINGS)
         self.loop.turn(self.loop.now)
         self.said.answer, self.said.asking = None, True
         try:
@@ -177,15 +181,18 @@ class GrblLink:
             )
         return answered
 
-    def poll(self) -> StatusReport:
-        """Next status report, requested at most 10 times per second.
+    def poll(self, after_s: float = POLL_S) -> StatusReport:
+        """Next status report.
+
+        Args:
+            after_s: Shortest time in seconds since the last request.
 
         Raises:
             NoAnswer: None arrived.
             RigError: The port or the controller failed.
         """
         for _ in range(SILENT_POLLS):
-            self.wait(lambda: False, self._polled_s + POLL_S - self.loop.now)
+            self.wait(lambda: False, self._polled_s + after_s - self.loop.now)
             self._polled_s = self.loop.now
             self.said.status = None
             self.write(grbl.STATUS)

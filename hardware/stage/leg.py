@@ -245,10 +245,11 @@ def check_limits(leg: Leg, settings: StageSettings, setup: Setup) -> None:
             )
 
 
-def jog_line(leg: Leg, settings: StageSettings, setup: Setup) -> bytes:
-    """Command of a move."""
-    to = {side.axis.letter: side.machine_mm for side in leg.sides(settings, setup)}
-    return grbl.jog(60.0 * leg.speed_mm_s, x_mm=to.get("X"), y_mm=to.get("Y"), z_mm=to.get("Z"))
+def machine_end(leg: Leg, start: grbl.Vector, settings: StageSettings, setup: Setup) -> grbl.Vector:
+    """End of a move in machine coordinates; axes without a target stay."""
+    to = {side.setup.number: side.machine_mm for side in leg.sides(settings, setup)}
+    x, y, z = (round(to.get(axis, mm), 4) for axis, mm in enumerate(start))
+    return x, y, z
 
 
 def leg_time(leg: Leg, start: Place, setup: Setup) -> tuple[float, float]:

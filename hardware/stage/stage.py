@@ -3,6 +3,7 @@
 Moves are jogs (`$J=`): one that would leave the travel is refused without an alarm, and jogs can be cancelled. An `ok`
 only confirms that a move is queued, and a report of Idle may precede the start of the motion. So a motion has ended
 when two successive reports are Idle at the target, neither before the move can have been completed. Nothing is resent.
+A stage that two successive reports show elsewhere than on its way is stopped: a command may be damaged on the line.
 
 The position is known from homing until the controller restarts, stops with an alarm or is unplugged. The position of a
 controller found Idle is trusted if opening its port did not restart it: with homing enabled it starts in Alarm, which
@@ -10,20 +11,25 @@ only homing or an operator's `$X` ends; the operator is then responsible for the
 """
 
 from collections.abc import Sequence
+from contextlib import suppress
 from typing import NamedTuple
 
-from ..errors import NoAnswer, PositionUnknown, StageAlarm, StageFault, WrongDevice
+from ..errors import CommandRefused, NoAnswer, PositionUnknown, StageAlarm, StageFault, WrongDevice
 from ..journal import Journal
 from ..link.loop import Loop
 from ..link.port import Port
 from ..rig.settings import StageSettings
 from . import grbl
-from .grbl import State, StatusReport
-from .grbl_link import GrblLink
-from .leg import AxisSetup, Leg, Setup, check_limits, check_setup, jog_line, leg_time, needed_settings
+from .course import MotionCourse
+from .grbl import State, StatusReport, Vector
+from .grbl_link import MOVING_POLL_S, GrblLink
+from .leg import AxisLimits, AxisSetup, Leg, Setup, check_limits, check_setup, leg_time, machine_end, needed_settings
 from .state import StageCounts
 
 _PRINTED_MM = 0.001
+_UNUSED_MM = 0.01  # tolerance of the axis that the rig does not use
+_REST_S = 0.6
+_HOMING_S = 0.5  # any other command is answered sooner
 _SLOWER = 1.5
 _MARGIN_S = 1.0
 _SETTINGS_S = 2.0
@@ -115,9 +121,12 @@ class Stage:
             raise
         self._said.booting = False
         banner = self._said.banner
-        self._homed = status.state is State.IDLE and banner is None and self._inside_travel()
-        firmware = f"{banner.firmware if banner else 'Grbl'} {self._said.version}"
+        homed = status.state is State.IDLE and banner is None and self._inside_travel()
+        firmware = f"{banner.firmware} {banner.version}" if banner else "Grbl 1.1"
         values = dict(self._said.values)
+        if homed:
+            self._protect()
+        self._homed = homed
         self.report = StageReport(firmware, str(status.state), self._homed, values, self._setup.notes)
         self._link.note("connected", f"{self.port.address}: {firmware} is {status.state}, homed: {self._homed}.")
 
@@ -135,6 +144,7 @@ class Stage:
         if isinstance(self._said.trouble, StageAlarm):
             self._link.restart(self._settings.boot_s)
         self._said.trouble = None
+        asked_s = self._loop.now
         try:
             answered = self._link.ask(grbl.HOME, self._settings.homing_s)
             status = self._link.poll()
@@ -144,6 +154,8 @@ class Stage:
             self._link.halt("homing was interrupted and the controller reset")
             raise
         at_home = all(self._near(axis, axis.home_mm) for axis in (setup.x, setup.y))
+        if answered and not at_home and self._loop.now - asked_s < _HOMING_S:
+            raise StageFault(f"{self.port.address}: the controller answered without homing; home it again.")
         if status.state is not State.IDLE or not (answered or at_home):
             self._link.halt("homing did not end and the controller was reset")
             raise NoAnswer(
@@ -152,6 +164,7 @@ class Stage:
             )
         if not answered:
             self._link.note("lost ok", f"{self.port.address}: homing ended without an ok.")
+        self._protect()
         self._homed = True
         self._locate()
 
@@ -205,9 +218,11 @@ class Stage:
             status = self._link.poll()
             idle = idle + 1 if status.state is State.IDLE else 0
             if not idle and self._loop.now >= until:
-                raise StageFault(f"{self.port.address}: the stage did not stop (state {status.state}).")
+                raise StageFault(
+                    f"{self.port.address}: the stage did not stop (state {status.state}); it is {self._place()}."
+                )
             if not idle:
-                self._link.write(grbl.JOG_CANCEL)
+                self._link.write(grbl.JOG_CANCEL + (grbl.HOLD if status.state is State.RUN else b""))
 
     def check(self, now_s: float) -> None:  # noqa: ARG002 - the signature of a guard
         """Guard for the loop.
@@ -226,9 +241,10 @@ class Stage:
     def _read_values(self) -> dict[int, float]:
         needed = needed_settings(self._settings)
         for _ in range(_ATTEMPTS):
-            self._said.values.clear()
-            if self._link.ask(grbl.SETTINGS, _SETTINGS_S) and needed <= self._said.values.keys():
+            if needed <= self._said.values.keys():
                 return self._said.values
+            self._said.values.clear()
+            self._link.ask(grbl.SETTINGS, _SETTINGS_S)
         missing = ", ".join(f"${number}" for number in sorted(needed - self._said.values.keys()))
         raise WrongDevice(f"{self.port.address}: the answer to $$ is incomplete; missing: {missing or 'ok'}.")
 
@@ -261,40 +277,97 @@ class Stage:
             raise PositionUnknown(f"{self.port.address}: position unknown; home the stage first.")
         return position
 
+    def _protect(self) -> None:
+        """Cancels G-code's motion mode and sets millimetres, as the commands of a motion rely on both.
+
+        Raises:
+            StageFault: The controller does not confirm it.
+        """
+        for _ in range(_ATTEMPTS):
+            self._said.modes = frozenset()
+            with suppress(CommandRefused):
+                told = self._link.ask(grbl.NO_MOTION) and self._link.ask(grbl.PARSER_STATE)
+                if told and self._said.modes >= {"G80", "G21"} and self._link.poll().state is State.IDLE:
+                    return
+        state = self._link.poll().state
+        raise StageFault(
+            f"{self.port.address}: the controller does not confirm G80 and G21 (state {state}); reset it, then home it."
+        )
+
     def _follow(self, legs: Sequence[Leg]) -> None:
-        """Sends jogs in succession and waits for the end of the last."""
+        """Sends jogs in succession and waits for the end of the last.
+
+        All but the first are relative to the one before, so that any damage of one shows in the end position.
+        """
         setup = self._connected()
         for leg in legs:
             check_limits(leg, self._settings, setup)
         at = self._known_position()
         earliest_s = latest_s = self._loop.now
-        for leg in legs:
+        course = MotionCourse(self._machine())
+        limits: list[AxisLimits | None] = [None] * 3
+        limits[setup.x.number], limits[setup.y.number] = setup.x.limits, setup.y.limits
+        for i, leg in enumerate(legs):
             shortest_s, longest_s = leg_time(leg, at, setup)
             earliest_s += shortest_s
             latest_s += _SLOWER * longest_s + _MARGIN_S
-            if not self._link.ask(jog_line(leg, self._settings, setup)):
-                self._finish(leg, earliest_s, latest_s)
+            start, end = course.end, machine_end(leg, course.end, self._settings, setup)
+            course.add(end, leg.speed_mm_s, limits)
+            x, y, z = (b - a for a, b in zip(start, end, strict=True)) if i else end
+            if not self._link.ask(grbl.jog(60.0 * leg.speed_mm_s, (x, y, z), relative=i > 0)):
+                self._finish(leg, course, earliest_s, latest_s)
                 self._link.note("lost ok", f"{self.port.address}: a jog ended without an ok.")
             at = leg.end(at)
-        self._finish(legs[-1], earliest_s, latest_s)
+        self._finish(legs[-1], course, earliest_s, latest_s)
 
-    def _finish(self, leg: Leg, earliest_s: float, latest_s: float) -> None:
+    def _finish(self, leg: Leg, course: MotionCourse, earliest_s: float, latest_s: float) -> None:
         """Waits for the end of a motion.
 
         Raises:
-            StageFault: The stage is elsewhere or still moving at the latest time.
+            StageFault: The stage left its path and was stopped, or is elsewhere or still moving at the latest time.
         """
-        sides, idle = list(leg.sides(self._settings, self._connected())), 0
+        idle, moved_s = 0, self._loop.now
         while idle < 2:
-            status = self._link.poll()
-            there = all(self._near(side.setup, side.machine_mm) for side in sides)
+            status = self._report(leg, course)
+            there, rests = self._at(course.end), status.state not in (State.JOG, State.RUN)
             ended = status.state is State.IDLE and there and self._loop.now >= earliest_s
             self.counts.false_idle += status.state is State.IDLE and not ended
             idle = idle + 1 if ended else 0
-            if not idle and self._loop.now >= latest_s:
+            if there or not rests:
+                moved_s = self._loop.now
+            if not idle and self._loop.now >= min(latest_s, moved_s + _REST_S):
                 raise StageFault(
                     f"{self.port.address}: the stage should be at {leg}, but is {self._place()} (state {status.state})."
                 )
+
+    def _report(self, leg: Leg, course: MotionCourse) -> StatusReport:
+        """Next report of a motion.
+
+        Raises:
+            StageFault: Two successive reports do not belong to the motion; the stage was stopped.
+        """
+        for after_s in (MOVING_POLL_S, 0.0):  # one report may be damaged itself
+            status = self._link.poll(after_s)
+            if (objection := course.objection(status, self._machine())) is None:
+                return status
+        self.stop()
+        raise StageFault(
+            f"{self.port.address}: the stage {objection} on its way to {leg} and was stopped; it is {self._place()}; a "
+            f"command was damaged on the line, or the controller does not obey."
+        )
+
+    def _machine(self) -> Vector:
+        if self._said.machine is None:
+            raise PositionUnknown(f"{self.port.address}: position unknown; home the stage first.")
+        return self._said.machine
+
+    def _at(self, place: Vector) -> bool:
+        """Whether the last report is of a machine position."""
+        setup = self._connected()
+        tolerances = [_UNUSED_MM] * 3
+        for axis in (setup.x, setup.y):
+            tolerances[axis.number] = self._tolerance(axis)
+        return all(abs(a - b) <= mm for a, b, mm in zip(self._machine(), place, tolerances, strict=True))
 
     def _place(self) -> str:
         if (position := self.position_mm) is None:

@@ -67,7 +67,7 @@ class ControllerState:
         booting: Whether restarts and alarms are expected.
         banner: Welcome message of the last restart, None if there was none.
         starts: Number of welcome messages so far.
-        version: Answer to `$I`, such as `1.1h`.
+        modes: Answer to `$G`, its words.
         values: Answer to `$$`, values by number.
         status: Last status report, None before the first.
         reports: Number of status reports so far.
@@ -90,7 +90,7 @@ class ControllerState:
         self.booting = True
         self.banner: Banner | None = None
         self.starts = self.reports = 0
-        self.version: str | None = None
+        self.modes: frozenset[str] = frozenset()
         self.values: dict[int, float] = {}
         self.status: StatusReport | None = None
         self.machine: Vector | None = None
@@ -125,8 +125,13 @@ class ControllerState:
                 self._alarm(code)
             case GrblSetting(number, value):
                 self.values[number] = value
-            case Feedback("VER", text):
-                self.version = text.partition(":")[0]
+            case Feedback("GC", text):
+                self.modes = frozenset(text.split())
+            case Feedback("MSG", "Caution: Unlocked") if not self.booting and self.trouble is None:
+                self.trouble = StageFault(
+                    f"{self._address}: the controller was unlocked without homing, so the position is unknown; home it."
+                )
+                self._note("unlocked", str(self.trouble))
             case Unknown(text):
                 self.counts.unknown += 1
                 self.heard = text[:_HEARD]

@@ -6,14 +6,14 @@ behind it. Time goes on only while someone waits for them. A `RigBench` is every
 
 import math
 from collections import deque
-from collections.abc import Callable
 from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from solidtouch.hardware.emulator.emulated_bench import emulated_bench
-from solidtouch.hardware.errors import PortLost, RigError, WriteTimeout
+from solidtouch.hardware.emulator.wired_port import ManualClock, MemoryPort, WiredPort
+from solidtouch.hardware.errors import RigError, WriteTimeout
 from solidtouch.hardware.journal import NoJournal
 from solidtouch.hardware.link.loop import Loop
 from solidtouch.hardware.rig.open_rig import build_rig, connected
@@ -47,67 +47,6 @@ def grid():
 @pytest.fixture
 def rng():
     return np.random.default_rng(20)
-
-
-class ManualClock:
-    """Time that goes on only while someone waits: to the next byte of a port, or to the end of the wait."""
-
-    def __init__(self):
-        self.time_s = 0.0
-
-    def now(self):
-        return self.time_s
-
-    def wait(self, ports, until):
-        while not any(port.waiting() for port in ports):
-            due = min((port.next_event_s() for port in ports), default=math.inf)
-            self.time_s = max(self.time_s, min(due, until))
-            for port in ports:
-                port.step()
-            if due > until:
-                return
-
-
-class MemoryPort:
-    """What `Port` offers, without a system; `failure` is raised by every use as if the port had failed so."""
-
-    def __init__(self, clock, address):
-        self.address = address
-        self.clock = clock
-        self.is_open = False
-        self.sent = self.received = 0
-        self.failure: RigError | None = None
-        self.incoming = bytearray()
-
-    def open(self):
-        self.is_open = True
-
-    def close(self):
-        self.is_open = False
-
-    def read(self):
-        self.check()
-        data = bytes(self.incoming)
-        self.incoming.clear()
-        self.received += len(data)
-        return data
-
-    def write(self, data):
-        self.check()
-        self.sent += len(data)
-
-    def waiting(self):
-        return len(self.incoming) if self.is_open and self.failure is None else 1
-
-    def fileno(self):
-        return None
-
-    def check(self):
-        if self.failure is not None:
-            self.is_open &= not isinstance(self.failure, PortLost)
-            raise self.failure
-        if not self.is_open:
-            raise PortLost(f"{self.address}: the port is closed.")
 
 
 class ScriptedPort(MemoryPort):
@@ -163,44 +102,6 @@ class ScriptedPort(MemoryPort):
     def assert_over(self):
         assert not self.exchanges, f"never sent {[sent for sent, *_ in self.exchanges]}"
         assert not self.written, f"sent {self.written!r} at the end"
-
-
-class WiredPort(MemoryPort):
-    """Has an emulated device behind it; `wire` may change what the device sends.
-
-    Attributes:
-        log: All bytes sent.
-    """
-
-    def __init__(self, clock, device, address, wire: Callable[[bytes], bytes] = bytes):
-        super().__init__(clock, address)
-        self.device = device
-        self.wire = wire
-        self.log = b""
-
-    def open(self):
-        if not self.is_open:
-            super().open()
-            self.device.opened(self.clock.now())
-
-    def close(self):
-        if self.is_open:
-            super().close()
-            self.incoming.clear()
-            self.device.closed(self.clock.now())
-
-    def write(self, data):
-        super().write(data)
-        self.log += bytes(data)
-        self.device.receive(bytes(data), self.clock.now())
-        self.step()
-
-    def next_event_s(self):
-        return self.device.next_event_s()
-
-    def step(self):
-        if data := self.device.step(self.clock.now()):
-            self.incoming += self.wire(data)
 
 
 @pytest.fixture

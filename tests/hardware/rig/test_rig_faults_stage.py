@@ -4,7 +4,10 @@ import re
 
 import pytest
 from solidtouch.hardware.errors import CommandRefused, NoAnswer, NotAtRest, PositionUnknown, StageFault, WriteTimeout
+from solidtouch.hardware.stage.course import MotionCourse
 from solidtouch.hardware.stage.grbl import JOG_CANCEL
+
+from benchmarks.checks import damage
 
 
 def lines(bench):
@@ -43,7 +46,7 @@ def test_fault_09_reset_on_open(rig_bench):
     rig_bench.on("reset_on_open")
     with pytest.raises(PositionUnknown, match=r"home it \(--home\)"), rig_bench.rig():
         pass
-    assert lines(rig_bench) == [b"$I\n", b"$$\n"]
+    assert lines(rig_bench) == [b"$$\n"]
 
     with rig_bench.rig(home=True) as rig:
         assert_true(rig_bench, rig.tap())
@@ -205,3 +208,25 @@ def test_fault_21_deaf(rig_bench):
         jogs = [line for line in lines(rig_bench) if line.startswith(b"$J=")]
         assert len(jogs) == 4
         assert JOG_CANCEL not in rig_bench.diary.sent(rig_bench.stage_port)
+
+
+def test_fault_33_damaged_commands():
+    """A sample of what `make faults` does with every byte of every command."""
+    tally = damage.run(positions=2, stride=83)
+
+    assert not tally.failed, tally.examples
+    assert all(tally.cases[kind] > tally.done[kind] > 0 for kind in damage.KINDS)
+    assert tally.strayed_mm > 0.1
+
+
+def test_fault_33_without_a_look_at_the_path(monkeypatch):
+    """A lost digit is then noticed at the end only."""
+    monkeypatch.setattr(MotionCourse, "objection", lambda *_: None)
+    rig, tally = damage.paper_rig(), damage.Tally()
+    *_, go = [action for action in damage.collection(rig, 2) if action.name == "go"]
+    writes, sound = damage.reference(rig, go)
+    assert writes[0].startswith(b"$J=G53X-30.5")
+    damage.check(rig, go, damage.Damage(0, "lost", 8, 0), sound, writes[0], tally)
+
+    assert tally.strayed_mm > 5.0
+    assert tally.failed

@@ -11,7 +11,7 @@ from solidtouch.hardware.errors import (
     StageFault,
     WrongDevice,
 )
-from stage_script import BANNER, READY, SETTINGS, VERSION, dollar, report, status
+from stage_script import BANNER, PROTECT, READY, SETTINGS, dollar, report, status
 
 
 def test_a_controller_that_was_homed_before_keeps_its_position(ready):
@@ -19,13 +19,13 @@ def test_a_controller_that_was_homed_before_keeps_its_position(ready):
 
     assert stage.homed
     assert stage.position_mm == (0.0, 0.0)
-    assert (*stage.report[:3], stage.report.notes) == ("Grbl 1.1h.20190830", "Idle", True, ())
+    assert (*stage.report[:3], stage.report.notes) == ("Grbl 1.1", "Idle", True, ())
     assert stage.report.values[100] == 250.0
 
 
 def test_a_controller_that_opening_reset_does_not_know_where_it_is(plugged):
     unheard = [(b"?", b"")] * 6
-    stage = plugged(*unheard[:-1], (b"?", BANNER, 0.2), VERSION, dollar(), status(state="Alarm"))
+    stage = plugged(*unheard[:-1], (b"?", BANNER, 0.2), dollar(), status(state="Alarm"))
     stage.connect()
 
     assert not stage.homed
@@ -35,14 +35,14 @@ def test_a_controller_that_opening_reset_does_not_know_where_it_is(plugged):
 
 
 def test_a_restart_at_opening_costs_the_position_even_if_the_controller_is_idle(plugged):
-    stage = plugged((b"?", BANNER), VERSION, dollar(), status())
+    stage = plugged((b"?", BANNER), dollar(), status())
     stage.connect()
 
     assert not stage.homed
 
 
 def test_a_position_outside_the_travel_is_not_believed(plugged):
-    stage = plugged(status(), VERSION, dollar(), status(61.5))
+    stage = plugged(status(), dollar(), status(61.5))
     stage.connect()
 
     assert stage.position_mm is None
@@ -56,14 +56,14 @@ def test_old_input_is_no_answer(plugged):
 
 
 def test_half_a_command_that_was_left_is_refused_and_asked_again(plugged):
-    stage = plugged(status(), (b"$I\n", b"error:1\r\n"), *READY)
+    stage = plugged(status(), (b"$$\n", b"error:1\r\n"), *READY)
     stage.connect()
 
     assert stage.homed
 
 
 def test_settings_with_a_lost_line_are_asked_again(plugged):
-    stage = plugged(status(), VERSION, dollar(_110=None), dollar(), status())
+    stage = plugged(status(), dollar(_110=None), dollar(), status(), *PROTECT, status())
     stage.connect()
 
     assert stage.homed
@@ -72,7 +72,7 @@ def test_settings_with_a_lost_line_are_asked_again(plugged):
 def test_work_positions_are_understood_once_their_offset_came(plugged):
     work = b"<Idle|WPos:1.000,2.000,0.000|FS:0,0>\r\n"
     offset = b"<Idle|WPos:1.000,2.000,0.000|FS:0,0|WCO:-61.000,-42.000,0.000>\r\n"
-    stage = plugged((b"?", work), VERSION, dollar(_10=0), (b"?", work), (b"?", offset))
+    stage = plugged((b"?", work), dollar(_10=0), (b"?", work), (b"?", offset), *PROTECT, (b"?", work))
     stage.connect()
 
     assert stage.position_mm == (0.0, 0.0)
@@ -90,7 +90,7 @@ def test_work_positions_are_understood_once_their_offset_came(plugged):
     ],
 )
 def test_a_controller_set_up_otherwise_is_refused(plugged, changed, sentence):
-    stage = plugged(status(), VERSION, dollar(**changed))
+    stage = plugged(status(), dollar(**changed))
     with pytest.raises(WrongDevice, match=sentence):
         stage.connect()
 
@@ -102,7 +102,7 @@ def test_a_controller_set_up_otherwise_is_refused(plugged, changed, sentence):
     [({"_1": 25}, r"released 25 ms"), ({"_21": 0}, r"\$21=1"), ({"_23": 2}, r"homing ends at y = 159 mm")],
 )
 def test_what_may_disappoint_is_noted(plugged, changed, note):
-    stage = plugged(status(), VERSION, dollar(**changed), status())
+    stage = plugged(status(), dollar(**changed), status(), *PROTECT, status())
     stage.connect()
 
     (text,) = stage.report.notes
@@ -110,7 +110,7 @@ def test_what_may_disappoint_is_noted(plugged, changed, note):
 
 
 def test_homing_bits_of_grblhal_are_understood(plugged):
-    stage = plugged(status(), VERSION, dollar(_22=13), status())
+    stage = plugged(status(), dollar(_22=13), status(), *PROTECT, status())
     stage.connect()
 
     assert stage.homed
@@ -131,7 +131,7 @@ def test_another_device_is_refused(plugged, sent, sentence):
 
 
 def test_another_version_is_refused(plugged):
-    stage = plugged(status(), (b"$I\n", b"[VER:0.9j.20160303:]\r\nok\r\n"))
+    stage = plugged((b"?", b"\r\nGrbl 0.9j ['$' for help]\r\n"), dollar())
     with pytest.raises(WrongDevice, match=r"requires GRBL 1.1, the controller has 0.9j"):
         stage.connect()
 
@@ -146,7 +146,7 @@ def test_silence_ends_at_the_deadline(plugged, clock):
 
 
 def test_a_controller_that_does_not_come_to_rest_is_named(plugged):
-    held = status(state="Hold:0"), (b"$I\n", b"error:8\r\n")
+    held = status(state="Hold:0"), (b"$$\n", b"error:8\r\n")
     stage = plugged(*held * 200, settings=SETTINGS)
     with pytest.raises(StageFault, match="in state Hold for 2 s"):
         stage.connect()

@@ -53,11 +53,11 @@ CASES = pytest.mark.parametrize(("unit", "wire"), RECEIVED, ids=[wire[:20].decod
 STREAMS = st.lists(st.sampled_from(RECEIVED), max_size=8)
 
 COMMANDS = [
-    (grbl.jog(500, x_mm=-10.0, y_mm=-0.00004), b"$J=G53G90G21X-10.0000Y0.0000F500.000\n"),
-    (grbl.jog(60.5, z_mm=0.1234, relative=True), b"$J=G91G21Z0.1234F60.500\n"),
+    (grbl.jog(500, (-10.0, -0.00004, -1.0)), b"$J=G53X-10.0000Y0.0000Z-1.0000F500\n"),
+    (grbl.jog(60.5, (0.0, 0.0, 0.1234), relative=True), b"$J=G91X0.0000Y0.0000Z0.1234F60.5\n"),
     (grbl.HOME, b"$H\n"),
     (grbl.SETTINGS, b"$$\n"),
-    (grbl.BUILD_INFO, b"$I\n"),
+    (grbl.NO_MOTION + grbl.PARSER_STATE, b"G80G21\n$G\n"),
     (grbl.STATUS + grbl.RESET + grbl.JOG_CANCEL, b"?\x18\x85"),
 ]
 SIMPLE = {
@@ -180,16 +180,15 @@ def test_lines_of_any_length_cost_no_memory():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"feed_mm_min": 100}, "needs at least one axis"),
-        ({"feed_mm_min": 100, "x_mm": float("nan")}, "finite targets"),
-        ({"feed_mm_min": 0, "x_mm": 1}, "at least 0.001 mm/min, got 0"),
-        ({"feed_mm_min": float("inf"), "x_mm": 1}, "got inf"),
-        ({"feed_mm_min": 100, "x_mm": 1e80}, "at most 79 characters"),
+        ((100, (float("nan"), 0.0, 0.0)), "finite targets"),
+        ((0, (1.0, 0.0, 0.0)), "at least 0.001 mm/min, got 0"),
+        ((float("inf"), (1.0, 0.0, 0.0)), "got inf"),
+        ((100, (1e80, 0.0, 0.0)), "at most 79 characters"),
     ],
 )
 def test_impossible_jogs_are_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
-        grbl.jog(**arguments)
+        grbl.jog(*arguments)
 
 
 @given(STREAMS, st.binary(max_size=300), st.lists(st.integers(0, 700)))

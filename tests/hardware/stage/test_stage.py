@@ -13,32 +13,32 @@ from solidtouch.hardware.errors import (
     WriteTimeout,
 )
 from solidtouch.hardware.link.loop import Loop
-from stage_script import BANNER, VERSION, dollar, jog, status
+from stage_script import BANNER, PROTECT, back, dollar, jog, status
 
 
 def test_a_move_ends_when_two_reports_say_idle_at_the_target(ready, journal):
     stage = ready(
-        jog(x_mm=10.0), status(1.0, state="Jog"), *[status(9.0, state="Jog")] * 4, status(10.0), status(10.002)
+        jog(x_mm=10.0), status(1.0, state="Jog"), *[status(9.0, state="Jog")] * 17, status(10.0), status(10.002)
     )
     stage.move(x_mm=10.0)
 
     assert (pytest.approx(10.002), 0.0) == stage.position_mm
     assert ("Jog", (pytest.approx(9.0), 0.0)) in journal.reports
-    assert b"$J=G53G90G21X-50.0000F1200.000\n" in journal.sent
+    assert b"$J=G53X-50.0000Y-40.0000Z0.0000F1200\n" in journal.sent
 
 
-def test_reports_are_asked_for_at_most_ten_times_a_second(ready, clock):
-    stage = ready(jog(x_mm=10.0), *[status(5.0, state="Jog")] * 10, status(10.0), status(10.0))
+def test_reports_of_a_motion_are_asked_for_33_times_a_second(ready, clock):
+    stage = ready(jog(x_mm=10.0), *[status(5.0, state="Jog")] * 18, status(10.0), status(10.0))
     before = clock.now()
     stage.move(x_mm=10.0)
 
-    assert 1.1 <= clock.now() - before <= 1.25
+    assert 0.55 <= clock.now() - before <= 0.65
 
 
 def test_idle_before_the_way_can_have_been_made_does_not_count(ready):
     """A press and its release end where they began."""
-    press = jog(0.0, 2.0, 720.0), jog(0.0, 0.0, 720.0)
-    early = [status()] * 3
+    press = jog(0.0, 2.0, 720), back(0.0, -2.0)
+    early = [status()] * 10
     stage = ready(*press, *early, status(0.0, 1.0, state="Jog"), status(), status())
     stage.path([(0.0, 2.0, 12.0), (0.0, 0.0, 12.0)])
 
@@ -46,14 +46,14 @@ def test_idle_before_the_way_can_have_been_made_does_not_count(ready):
 
 
 def test_idle_elsewhere_does_not_count(ready):
-    stage = ready(jog(y_mm=1.0, feed=720.0), *[status(0.0, 0.5)] * 3, status(0.0, 1.0), status(0.0, 1.0))
+    stage = ready(jog(y_mm=1.0, feed=720), *[status(0.0, 0.5)] * 3, status(0.0, 1.0), status(0.0, 1.0))
     stage.move(y_mm=1.0)
 
     assert stage.counts.false_idle == 3
 
 
 def test_a_move_that_ends_elsewhere_is_told(ready):
-    stage = ready(jog(x_mm=10.0), *[status(4.0)] * 19)
+    stage = ready(jog(x_mm=10.0), *[status(4.0)] * 20)
     with pytest.raises(StageFault, match=r"be at x = 10 mm, but is at x = 4.000, y = 0.000 mm \(state Idle\)"):
         stage.move(x_mm=10.0)
 
@@ -75,14 +75,14 @@ def test_a_lost_ok_is_made_up_for_by_the_position(ready, journal):
 
 
 def test_a_lost_ok_of_a_press_ends_before_the_release_is_sent(ready):
-    stage = ready(jog(0.0, 1.0, 720.0, b""), *[status(0.0, 1.0)] * 2, VERSION, jog(0.0, 0.0, 720.0), *[status()] * 2)
+    stage = ready(jog(0.0, 1.0, 720, b""), *[status(0.0, 1.0)] * 2, dollar(), back(0.0, -1.0), *[status()] * 2)
     stage.path([(0.0, 1.0, 12.0), (0.0, 0.0, 12.0)])
 
     assert stage.position_mm == (0.0, 0.0)
 
 
 def test_a_lost_command_is_not_sent_again(ready, journal):
-    stage = ready(jog(x_mm=10.0, answer=b""), *[status(0.0)] * 14)
+    stage = ready(jog(x_mm=10.0, answer=b""), *[status(0.0)] * 21)
     with pytest.raises(StageFault, match=r"is at x = 0\.000"):
         stage.move(x_mm=10.0)
 
@@ -151,7 +151,7 @@ ALARM = b"ALARM:1\r\n[MSG:Reset to continue]\r\n"
 
 
 def test_an_alarm_stops_everything(ready):
-    stage = ready(jog(x_mm=10.0), status(3.0, state="Jog"), (b"", ALARM, 0.05), (b"\x85", b""))
+    stage = ready(jog(x_mm=10.0), status(3.0, state="Jog"), (b"", ALARM, 0.005), (b"\x85", b""))
     with pytest.raises(StageAlarm, match="ALARM:1, a limit switch was hit, and lost its position") as caught:
         stage.move(x_mm=10.0)
 
@@ -169,6 +169,8 @@ def test_homing_after_an_alarm_resets_the_controller_first(ready):
         (b"\x18", b"ok\r\n" + BANNER + b"[MSG:'$H'|'$X' to unlock]\r\n", 0.1),
         status(state="Alarm"),
         (b"$H\n", b"ok\r\n", 20.0),
+        status(),
+        *PROTECT,
         *[status()] * 2,
     )
     with pytest.raises(StageAlarm, match="ALARM:1"):
@@ -186,7 +188,7 @@ def test_an_alarm_whose_message_was_lost_shows_in_the_report(ready):
 
 
 def test_a_restart_costs_the_position(ready, journal):
-    stage = ready(jog(x_mm=10.0), status(3.0, state="Jog"), (b"", BANNER, 0.05))
+    stage = ready(jog(x_mm=10.0), status(3.0, state="Jog"), (b"", BANNER, 0.005))
     with pytest.raises(StageFault, match=r"restarted by itself \(Grbl 1.1h\)"):
         stage.move(x_mm=10.0)
 
@@ -203,7 +205,13 @@ def test_a_restart_between_moves_is_seen_by_the_guard(ready, loop):
 
 def test_homing_is_silent_and_ends_in_a_known_position(plugged, journal):
     stage = plugged(
-        status(), VERSION, dollar(), status(state="Alarm"), (b"$H\n", b"ok\r\n", 25.0), status(59.0), status(59.0)
+        status(),
+        dollar(),
+        status(state="Alarm"),
+        (b"$H\n", b"ok\r\n", 25.0),
+        status(59.0),
+        *PROTECT,
+        *[status(59.0)] * 2,
     )
     stage.connect()
     stage.home()
@@ -213,7 +221,7 @@ def test_homing_is_silent_and_ends_in_a_known_position(plugged, journal):
 
 def test_a_switch_that_is_not_found_is_an_alarm(plugged):
     failed = b"ALARM:9\r\n" + BANNER
-    stage = plugged(status(), VERSION, dollar(), status(state="Alarm"), (b"$H\n", failed, 5.0))
+    stage = plugged(status(), dollar(), status(state="Alarm"), (b"$H\n", failed, 5.0))
     stage.connect()
     with pytest.raises(StageAlarm, match="ALARM:9, homing found no switch"):
         stage.home()
@@ -224,7 +232,7 @@ def test_a_switch_that_is_not_found_is_an_alarm(plugged):
 
 def test_a_homing_whose_ok_is_lost_counts_if_it_ended_at_home(ready, journal):
     home = status(59.0, -39.0)
-    stage = ready((b"$H\n", b""), home, home)
+    stage = ready((b"$H\n", b""), home, dollar(), *PROTECT, home, home)
     stage.home()
 
     assert stage.homed
@@ -275,8 +283,8 @@ def test_stopping_says_cancel_until_the_controller_is_idle_twice(ready):
 
 
 def test_a_stage_that_does_not_stop_is_told(ready):
-    stage = ready((b"\x85", b""), *[status(state="Run"), (b"\x85", b"")] * 200)
-    with pytest.raises(StageFault, match=r"did not stop \(state Run\)"):
+    stage = ready((b"\x85", b""), *[status(state="Run"), (b"\x85!", b"")] * 200)
+    with pytest.raises(StageFault, match=r"did not stop \(state Run\); it is at x = 0.000, y = 0.000 mm"):
         stage.stop()
     stage.port.exchanges.clear()
 
@@ -289,13 +297,13 @@ def test_a_guard_that_objects_leaves_a_stage_that_can_be_stopped_and_moved(ready
             raise SensorTrouble("a taxel is overloaded.")
 
     stage = ready(
-        jog(0.0, 2.0, 720.0, b""),
+        jog(0.0, 2.0, 720, b""),
         (b"\x85", b"ok\r\n", 0.02),
         status(0.0, 1.0, state="Jog"),
         (b"\x85", b""),
         *[status(0.0, 1.2)] * 2,
-        jog(y_mm=0.0, feed=720.0),
-        *[status()] * 3,
+        jog(y_mm=0.0, feed=720),
+        *[status()] * 5,
     )
     before = stage.port.sent
     with loop.guarded(objects):
@@ -327,7 +335,7 @@ def test_a_lost_port_costs_the_position(ready):
 def test_a_write_that_timed_out_leaves_the_place_unknown_until_a_report(ready):
     late = WriteTimeout("scripted: the device took no bytes.")
     stage = ready(
-        (jog(x_mm=10.0)[0], late), (b"\x85", b""), *[status(4.0)] * 2, VERSION, jog(x_mm=0.0), *[status()] * 3
+        (jog(x_mm=10.0)[0], late), (b"\x85", b""), *[status(4.0)] * 2, dollar(), jog(x_mm=0.0), *[status()] * 8
     )
     with pytest.raises(WriteTimeout, match="took no bytes"):
         stage.move(x_mm=10.0)

@@ -239,6 +239,8 @@ def test_damaged_commands_never_leave_the_stage_elsewhere_unsaid(bench, rng, dam
             rig.stage.move(*target)
         except RigError:
             rig.port.write = write
+            with contextlib.suppress(CommandRefused):  # it extends what is left of a damaged line
+                rig.stage.home()
             rig.stage.home()
             continue
         good += 1
@@ -446,7 +448,7 @@ def test_no_setting_is_ever_written(bench):
     rig.stage.home()
 
     lines = [line for line in rig.port.log.replace(b"?", b"").split(b"\n") if line.startswith(b"$")]
-    assert {line[:3] for line in lines} <= {b"$J=", b"$$", b"$I", b"$H"}
+    assert {line[:3] for line in lines} <= {b"$J=", b"$$", b"$G", b"$H"}
 
 
 @pytest.mark.parametrize("delivered", [0, 10, 43])
