@@ -111,7 +111,9 @@ class Preprocessing:
         """
         try:
             return cls(**json.loads(text))
-        except (TypeError, json.JSONDecodeError) as error:
+        except InputError:
+            raise
+        except (TypeError, ValueError, ArithmeticError, RecursionError) as error:
             raise InputError(f"Not a preprocessing record: {text!r:.80}.") from error
 
 

@@ -9,6 +9,7 @@ import json
 import os
 import shutil
 import tempfile
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -287,8 +288,7 @@ def read_object(path: str | Path, called: str) -> dict[str, Any]:
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    names = [name for name, _ in pairs]
-    for name in names:
-        if names.count(name) > 1:
+    for name, number in Counter(name for name, _ in pairs).items():
+        if number > 1:
             raise InputError(f"repeated key {name}.")
     return dict(pairs)

@@ -38,6 +38,7 @@ ROW_VECTORS = ("what", "where", "session", "trial")
 TABLE_VECTORS = ("what_names", "what_values", "where_values", "where_edges")
 TEXTS = ("where_unit", "what_unit", "units", "meta")
 KNOWN = {"taps", "stream", "taxel_position", *ROW_VECTORS, *TABLE_VECTORS, *TEXTS}
+_MOST_RATE = 1e12
 _TAKEN = {  # names reserved in a TapSet
     *("tap", "sample", "taxel", "axis", "time", "what_class", "where_class", "where_edge"),
     *("what_name", "what_value", "where_value"),
@@ -197,7 +198,7 @@ def _meta(arrays: Arrays) -> dict[str, Any]:
     text = _text(arrays, "meta")
     try:
         meta = json.loads(text) if text else {}
-    except json.JSONDecodeError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"array meta is not JSON: {error}.") from error
     if not isinstance(meta, dict):
         raise InputError(f"array meta must be a JSON object, got {text[:40]!r}.")
@@ -208,8 +209,8 @@ def _rate(meta: Mapping[str, Any]) -> float | None:
     rate = meta.get("rate_hz")
     if rate is None:
         return None
-    if isinstance(rate, bool) or not isinstance(rate, int | float) or not 0 < rate < np.inf:
-        raise InputError(f"array meta: rate_hz must be a positive number, got {rate!r}.")
+    if isinstance(rate, bool) or not isinstance(rate, int | float) or not 0 < rate <= _MOST_RATE:
+        raise InputError(f"array meta: rate_hz must be a positive number up to {_MOST_RATE:g}, got {rate!r:.40}.")
     return float(rate)
 
 

@@ -3,6 +3,7 @@
 import csv
 import re
 from array import array
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -77,7 +78,7 @@ def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
 def _check_header(header: Sequence[str]) -> None:
     if not header:
         raise InputError("the file is empty or starts with an empty line; a header line is needed.")
-    twice = [name for name in header if header.count(name) > 1]
+    twice = [name for name, number in Counter(header).items() if number > 1]
     if twice:
         raise InputError(f"line 1: column {twice[0]!r} is repeated.")
     if "what" not in header:

@@ -115,7 +115,7 @@ def load_model(
         raise InputError(f"{path}: damaged: missing {error}.") from error
     except StoryError as error:
         raise InputError(f"{path}: {error}") from error
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, ArithmeticError, RecursionError) as error:
         raise InputError(f"{path}: damaged: {error}") from error
     return model.with_missing(missing)
 

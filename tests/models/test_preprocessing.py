@@ -339,3 +339,13 @@ def test_a_stream_that_is_pressed_is_kept_no_longer_than_needed():
         cutter.push(np.zeros((100, 3)))
 
         assert len(cutter._kept) <= 2
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["[" * 100_000, f'{{"samples": {"9" * 5_000}}}', f'{{"samples": 3, "rate_hz": 1, "highpass_hz": {"9" * 400}}}'],
+)
+def test_a_record_that_would_exhaust_a_parser_is_none(text):
+    with pytest.raises(InputError) as caught:
+        Preprocessing.from_json(text)
+    assert len(str(caught.value)) < 1200

@@ -63,6 +63,12 @@ BAD = {
     "session broken": (lambda a: {**a, "session": a["session"] + 0.25}, "not an integer"),
     "trial short": (lambda a: {**a, "trial": a["trial"][1:]}, r"trial must have shape \(24,\)"),
     "meta broken": (lambda a: {**a, "meta": np.array("{")}, "array meta is not JSON"),
+    "meta deep": (lambda a: {**a, "meta": np.array("[" * 100_000)}, "array meta is not JSON"),
+    "meta digits": (lambda a: {**a, "meta": np.array(f'{{"rate_hz": {"9" * 5_000}}}')}, "array meta is not JSON"),
+    "rate huge": (
+        lambda a: {**a, "meta": np.array(f'{{"rate_hz": {"9" * 400}}}')},
+        "array meta: rate_hz must be a pos",
+    ),
     "meta list": (lambda a: {**a, "meta": np.array("[1]")}, "meta must be a JSON object"),
     "rate text": (lambda a: {**a, "meta": np.array('{"rate_hz": "fast"}')}, "array meta: rate_hz must be a pos"),
     "rate zero": (lambda a: {**a, "meta": np.array('{"rate_hz": 0}')}, "array meta: rate_hz must be a positive"),

@@ -198,3 +198,11 @@ def test_a_stream_has_the_rate_of_its_median_step(tmp_path):
 
     assert recording.is_stream
     assert recording.rate_hz == 100.0
+
+
+def test_many_columns_are_checked_soon(tmp_path):
+    path = tmp_path / "wide.csv"
+    path.write_text(",".join(f"taxel_{k}" for k in range(50_000)) + "\n")
+
+    with pytest.raises(InputError, match="line 1: missing column what"):
+        load_taps(path)
