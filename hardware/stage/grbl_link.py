@@ -202,6 +202,12 @@ class GrblLink:
             self.said.counts.silent_polls += 1
         raise NoAnswer(f"{self.port.address}: no answer from the controller to {SILENT_POLLS} status requests.")
 
+    def request(self, after_s: float) -> None:
+        """Asks for a status report without waiting, if the last request is at least that many seconds ago."""
+        if self.loop.now - self._polled_s >= after_s:
+            self._polled_s = self.loop.now
+            self.write(grbl.STATUS)
+
     def restart(self, timeout_s: float) -> None:
         """Resets the controller, the only command that it may accept after an alarm; it then accepts homing.
 

@@ -10,6 +10,7 @@ controller found Idle is trusted if opening its port did not restart it: with ho
 only homing or an operator's `$X` ends; the operator is then responsible for the position.
 """
 
+import math
 from collections.abc import Sequence
 from contextlib import suppress
 from typing import NamedTuple
@@ -20,9 +21,9 @@ from ..link.loop import Loop
 from ..link.port import Port
 from ..rig.settings import StageSettings
 from . import grbl
-from .course import MotionCourse
+from .course import CORRIDOR_MM, MotionCourse
 from .grbl import State, StatusReport, Vector
-from .grbl_link import MOVING_POLL_S, GrblLink
+from .grbl_link import MOVING_POLL_S, POLL_S, GrblLink
 from .leg import AxisLimits, AxisSetup, Leg, Setup, check_limits, check_setup, leg_time, machine_end, needed_settings
 from .state import StageCounts
 
@@ -79,6 +80,8 @@ class Stage:
         self._said = self._link.said
         self._setup: Setup | None = None
         self._homed = False
+        self._rest: Vector | None = None
+        self._strayed = 0
 
     @property
     def counts(self) -> StageCounts:
@@ -123,11 +126,10 @@ class Stage:
         banner = self._said.banner
         homed = status.state is State.IDLE and banner is None and self._inside_travel()
         firmware = f"{banner.firmware} {banner.version}" if banner else "Grbl 1.1"
-        values = dict(self._said.values)
         if homed:
             self._protect()
         self._homed = homed
-        self.report = StageReport(firmware, str(status.state), self._homed, values, self._setup.notes)
+        self.report = StageReport(firmware, str(status.state), self._homed, dict(self._said.values), self._setup.notes)
         self._link.note("connected", f"{self.port.address}: {firmware} is {status.state}, homed: {self._homed}.")
 
     def home(self) -> None:
@@ -141,6 +143,7 @@ class Stage:
         """
         setup = self._connected()
         self._homed = False
+        self._rest = None
         if isinstance(self._said.trouble, StageAlarm):
             self._link.restart(self._settings.boot_s)
         self._said.trouble = None
@@ -210,6 +213,7 @@ class Stage:
             RigError: The controller failed or did not stop.
         """
         setup = self._connected()
+        self._rest = None
         braking_s = max(axis.limits.rate_mm_s / axis.limits.acceleration_mm_s2 for axis in (setup.x, setup.y))
         until = self._loop.now + braking_s + _MARGIN_S
         self._link.write(grbl.JOG_CANCEL)
@@ -225,14 +229,20 @@ class Stage:
                 self._link.write(grbl.JOG_CANCEL + (grbl.HOLD if status.state is State.RUN else b""))
 
     def check(self, now_s: float) -> None:  # noqa: ARG002 - the signature of a guard
-        """Guard for the loop.
+        """Guard for the loop; between motions it also asks for reports.
 
         Raises:
             PortLost: The port was lost.
             StageAlarm: The controller stopped with an alarm.
-            StageFault: It restarted.
+            StageFault: It restarted, or two successive reports show that it moves without a command.
         """
         self._link.check()
+        if self._rest is None:
+            return
+        self._link.request(MOVING_POLL_S if self._strayed else POLL_S)
+        if self._strayed > 1:
+            self._rest = None
+            raise StageFault(f"{self.port.address}: the stage moved without a command; it is {self._place()}.")
 
     def close(self) -> None:
         """Closes the port; a move in progress ends by itself."""
@@ -303,6 +313,7 @@ class Stage:
         for leg in legs:
             check_limits(leg, self._settings, setup)
         at = self._known_position()
+        self._rest, self._strayed = None, 0
         earliest_s = latest_s = self._loop.now
         course = MotionCourse(self._machine())
         limits: list[AxisLimits | None] = [None] * 3
@@ -319,6 +330,7 @@ class Stage:
                 self._link.note("lost ok", f"{self.port.address}: a jog ended without an ok.")
             at = leg.end(at)
         self._finish(legs[-1], course, earliest_s, latest_s)
+        self._rest = self._machine()
 
     def _finish(self, leg: Leg, course: MotionCourse, earliest_s: float, latest_s: float) -> None:
         """Waits for the end of a motion.
@@ -364,10 +376,9 @@ class Stage:
     def _at(self, place: Vector) -> bool:
         """Whether the last report is of a machine position."""
         setup = self._connected()
-        tolerances = [_UNUSED_MM] * 3
-        for axis in (setup.x, setup.y):
-            tolerances[axis.number] = self._tolerance(axis)
-        return all(abs(a - b) <= mm for a, b, mm in zip(self._machine(), place, tolerances, strict=True))
+        tolerances = {axis.number: self._tolerance(axis) for axis in (setup.x, setup.y)}
+        off_mm = [abs(a - b) for a, b in zip(self._machine(), place, strict=True)]
+        return all(mm <= tolerances.get(axis, _UNUSED_MM) for axis, mm in enumerate(off_mm))
 
     def _place(self) -> str:
         if (position := self.position_mm) is None:
@@ -383,4 +394,7 @@ class Stage:
         return 0.5 / axis.steps_per_mm + _PRINTED_MM
 
     def _take_status(self, status: StatusReport) -> None:
+        if self._rest is not None and self._said.machine is not None:
+            strays = math.dist(self._rest, self._said.machine) > CORRIDOR_MM
+            self._strayed = self._strayed + 1 if strays else 0
         self._journal.status(self._loop.now, str(status.state), self.position_mm)

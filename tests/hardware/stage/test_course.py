@@ -100,3 +100,25 @@ def test_an_ok_at_once_is_no_homing(ready):
     stage = ready((b"$H\n", b"[HLP:$$ $# $G]\r\nok\r\n", 0.01), status(3.0))
     with pytest.raises(StageFault, match="answered without homing"):
         stage.home()
+
+
+def read_for(loop, seconds):
+    """Waits as for readings, 50 per second."""
+    for _ in range(round(50 * seconds)):
+        loop.sleep(0.02)
+
+
+def test_a_stage_that_moves_without_a_command_is_noticed(ready, loop):
+    stage = ready(jog(x_mm=0.1), *[status(0.1)] * 2, status(0.1), status(0.4), status(0.5))
+    stage.move(x_mm=0.1)
+    with loop.guarded(stage.check), pytest.raises(StageFault, match=r"moved without a command; it is at x = 0.500"):
+        read_for(loop, 1.0)
+
+
+def test_a_stage_at_rest_is_asked_ten_times_a_second(ready, loop):
+    stage = ready(jog(x_mm=0.1), *[status(0.1)] * 2, *[status(0.1)] * 4)
+    stage.move(x_mm=0.1)
+    with loop.guarded(stage.check):
+        read_for(loop, 0.4)
+
+    assert stage.position_mm == (pytest.approx(0.1), 0.0)
