@@ -10,13 +10,14 @@ from pathlib import Path
 from typing import IO, NamedTuple
 
 import msgspec
-from mcap.records import Channel, Footer, McapRecord, Message
-from mcap.stream_reader import StreamReader
+from mcap.records import Channel, Chunk, Footer, McapRecord, Message
+from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import MCAP0_MAGIC
 from msgspec import Struct
 
 from ..errors import InputError
 from .rig_recording import TOPICS, Tap
+from .untrusted import check_size
 
 _DECODERS = {topic: msgspec.json.Decoder(kind) for topic, kind in TOPICS.items()}
 
@@ -97,21 +98,31 @@ class RecordingReader:
         with self.path.open("rb") as file:
             size = self.path.stat().st_size
             whole = 0
-            for record in _until_damage(file, size):
+            for record in _until_damage(self.path, file, size):
                 whole = file.tell()
                 self.finished = isinstance(record, Footer)
                 yield record
             self.lost_bytes = max(0, size - whole - (len(MCAP0_MAGIC) if self.finished else 0))
 
 
-def _until_damage(file: IO[bytes], size: int) -> Iterator[McapRecord]:
-    records = iter(StreamReader(file, record_size_limit=size).records)
+def _until_damage(path: Path, file: IO[bytes], size: int) -> Iterator[McapRecord]:
+    """Records, also those in chunks, which this software does not write.
+
+    Raises:
+        InputError: A chunk would unpack to too much.
+    """
+    records = iter(StreamReader(file, record_size_limit=size, emit_chunks=True).records)
     while True:
         try:
             record = next(records)
+            if isinstance(record, Chunk):
+                check_size(path, record.uncompressed_size)
+            found = breakup_chunk(record) if isinstance(record, Chunk) else [record]
+        except InputError as error:
+            raise InputError(f"{path}: {error}") from error
         except Exception:  # on damaged bytes the library raises almost any exception
             return
-        yield record
+        yield from found
 
 
 def _entry(topic: str, message: Message, crc: int) -> Entry:

@@ -43,7 +43,7 @@ def check_size(path: Path, declared: int, in_memory: int | None = None) -> None:
     """
     if declared > _SMALL and declared > _DENSEST * (held := _size(path)):
         raise InputError(
-            f"declares arrays of {in_bytes(declared)} in {in_bytes(held)}; more than {_DENSEST} times its size is not "
+            f"declares {in_bytes(declared)} of content in {in_bytes(held)}; more than {_DENSEST} times its size is not "
             "read."
         )
     needed, there = declared if in_memory is None else in_memory, available_memory()

@@ -15,7 +15,7 @@ from solidtouch.models.io import untrusted
 from solidtouch.models.io.load import load_taps
 
 LARGE = (1_000_000, 1_000, 1_000)
-TOO_MUCH = r"declares arrays of 8 TB in [\d.]+ kB; more than 250 times its size is not read\."
+TOO_MUCH = r"declares 8 TB of content in [\d.]+ kB; more than 250 times its size is not read\."
 
 
 @pytest.fixture
@@ -32,7 +32,7 @@ def unread(monkeypatch):
 
 
 BAD = {
-    "bomb": ({"taps": np.zeros((24, 1000, 50))}, r"declares arrays of 9\.6\d* MB in [\d.]+ kB; more than 250 times"),
+    "bomb": ({"taps": np.zeros((24, 1000, 50))}, r"declares 9\.6\d* MB of content in [\d.]+ kB; more than 250 times"),
     "bomb without names": ({"taps": np.zeros((24, 1000, 50)), "what_names": None}, "missing array what_names; the fi"),
     "what missing": ({"what": None}, "missing array what; the file holds"),
     "taps of text": ({"taps": np.full((24, 6, 5), "x")}, "array taps must hold real numbers, got <U1"),

@@ -14,6 +14,7 @@ from solidtouch.hardware.recording.collection import collect
 from solidtouch.hardware.recording.recording import Recorder
 from solidtouch.hardware.recording.settings import about_rig
 from solidtouch.models.errors import InputError
+from solidtouch.models.io import untrusted
 from solidtouch.models.io.load import load_taps, read_recording
 from solidtouch.models.io.rig import read_rig, taps_from_recording
 from solidtouch.models.io.rig_reader import RecordingReader
@@ -269,6 +270,20 @@ def test_a_recording_in_chunks_is_read_too(made, tmp_path):
 
     assert all(map(same, read_rig(tmp_path / "chunks.mcap").taps, taps))
     assert len(read_rig(tmp_path / "chunks.mcap").taps) == len(taps)
+
+
+def test_a_chunk_that_unpacks_to_too_much_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(untrusted, "_SMALL", 100_000)
+    path = tmp_path / "chunk.mcap"
+    with path.open("wb") as target:
+        writer = Writer(target, compression=CompressionType.ZSTD)
+        writer.start()
+        channel = writer.register_channel("/x", "json", 0)
+        writer.add_message(channel, 0, bytes(2_000_000), 0)
+        writer.finish()
+
+    with pytest.raises(InputError, match=r"chunk\.mcap: declares 2 MB of content in .*; more than 250 times"):
+        load_taps(path)
 
 
 def test_a_recording_without_labelled_taps_says_so(fake_rig, tmp_path):
