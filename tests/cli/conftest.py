@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import pytest
 from solidtouch.analysis.page import html
+from solidtouch.analysis.page.figure_style import Drawing
 from solidtouch.analysis.trials import spread
 from solidtouch.cli.main import run
 
@@ -48,8 +49,4 @@ def sketched(monkeypatch) -> None:
     What figures look like is tested beside the code that draws them.
     """
 
-    def sketch(_, folder, name, most):
-        (folder / f"{name}.svg").write_text("<svg/>")
-        return (folder / f"{name}.svg",)
-
-    monkeypatch.setattr(html, "save", sketch)
+    monkeypatch.setattr(html, "drawing_of", lambda figure: Drawing(figure, b"<svg/>"))
