@@ -133,7 +133,7 @@ help:
 	@echo "make reference-studies  calibration of beliefs, open choices of the paper, level and power of unknown"
 	@echo "make strategy-studies  strategies of moving and stopping, regret against the exact rule, tuning"
 	@echo "make rig-demo  collect, fit and perceive on emulated devices"
-	@echo "make faults  tap an emulated rig under random faults and report the outcome"
+	@echo "make faults  tap an emulated rig under random faults, damage every byte of its commands, and report; 11 minutes"
 	@echo "make kills   kill data collections at random moments and count lost taps"
 	@echo "make mutants  plant small errors and count those that tests notice, into docs/explanation/mutants.md; hours, resumes"
 	@echo "make house   print sizes and shape of the code; VERSION=REVISION measures another version, as far as nothing has to run"
