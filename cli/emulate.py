@@ -1,6 +1,7 @@
 """`solidtouch emulate`: an emulated rig on pseudo-terminals, for any program that opens serial ports."""
 
 import json
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -28,10 +29,16 @@ def _list_faults(faults: list[str] | None) -> list[str] | None:
     raise typer.Exit
 
 
+app = typer.Typer(help="Emulate the devices of a rig.", invoke_without_command=True)
+Bench = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the running emulator.", show_default=False)]
+
+
+@app.callback()
 def emulate(
+    context: typer.Context,
     out: Annotated[
-        Path, typer.Option(help="Folder for the ports, the control socket and rig.toml; created if needed.")
-    ],
+        Path | None, typer.Option(help="Folder for the ports, the control socket and rig.toml; created if needed.")
+    ] = None,
     preset: Annotated[str, typer.Option(help="Preset of the simulated finger and objects, as in simulate.")] = "paper",
     seed: Annotated[int, typer.Option(min=0, help="Random seed of the sensor and all noise.")] = 0,
     session: Annotated[
@@ -54,10 +61,15 @@ def emulate(
         ),
     ] = None,
 ) -> None:
-    """Emulate a stage and a fingertip until Ctrl-C."""
+    """Emulate a stage and a fingertip until Ctrl-C, and print their taps, moves and faults."""
+    if context.invoked_subcommand is not None:
+        return
+    if out is None:
+        raise InputError("emulate requires --out, a folder for the ports and rig.toml.")
     with loading():
         from ..hardware.emulator.emulated_bench import emulated_bench
         from ..hardware.emulator.faults import Switches
+        from ..hardware.emulator.narrator import Narrator
         from ..hardware.emulator.rig_file import write_rig
         from ..hardware.emulator.service import Service, check_free
         from ..hardware.simulator.settings import preset as settings_of
@@ -83,7 +95,8 @@ def emulate(
         ) as (rig, emulation, _),
     ):
         emulation.control({})  # a port that is busy is so from the start
-        with Service(emulation, control, real_time) as service:
+        narrator = Narrator(emulation, rig.tap, partial(print, flush=True))
+        with Service(emulation, control, real_time, narrator.look) as service:
             path = out / "rig.toml"
             write_rig(path, rig, list(emulation.objects))
             print(f"Emulating {rig.name} in {out}; press Ctrl-C to stop.", flush=True)
@@ -92,11 +105,66 @@ def emulate(
                 service.run()
 
 
+@app.command()
+def fault(
+    bench: Bench,
+    faults: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="NAME[:key=value,...]", help="Faults to switch on.", show_default=False),
+    ] = None,
+    off: Annotated[bool, typer.Option("--off", help="Switch these off instead, or all if none is named.")] = False,
+) -> None:
+    """Switch faults of a running emulator on or off; `solidtouch emulate --fault list` lists all."""
+    if not faults and not off:
+        raise InputError("Name a fault, or use --off for all.")
+    orders: list[dict[str, Any]] = []
+    for words in faults or ():
+        name, parameters = fault_of(words)
+        orders.append({"off": name} if off else {"on": name, **parameters})
+    _order(bench, orders or [{"off": None}])
+
+
+@app.command(name="object")
+def change_object(
+    bench: Bench,
+    name: Annotated[
+        str | None, typer.Argument(metavar="OBJECT", help="Its name; default: none.", show_default=False)
+    ] = None,
+) -> None:
+    """Put an object under the finger of a running emulator, or none."""
+    _order(bench, [{"object": name}])
+
+
+def _order(bench: Path, orders: list[dict[str, Any]]) -> None:
+    """Sends orders to a running emulator and prints what is on."""
+    with loading():
+        from ..hardware.emulator.shared_clock import SocketConnection
+
+    state: dict[str, Any] = {}
+    with SocketConnection((bench / "control").absolute()) as connection:
+        for order in orders:
+            state = connection.control(order)
+    print(f"object: {state['object_name'] or 'none'}; faults: {', '.join(state['faults']) or 'none'}")
+
+
 def switch_on(switches: "Switches", words: str) -> None:
-    """Switches on a fault given as `NAME[:key=value,...]`; values are JSON or text.
+    """Switches on a fault given as `NAME[:key=value,...]`.
 
     Raises:
         InputError: The fault or a parameter is unknown.
+    """
+    name, parameters = fault_of(words)
+    try:
+        switches.on(name, **parameters)
+    except TypeError as error:
+        raise InputError(f"--fault {words}: invalid parameters.") from error
+
+
+def fault_of(words: str) -> tuple[str, dict[str, Any]]:
+    """Name and parameters of a fault given as `NAME[:key=value,...]`; values are JSON or text.
+
+    Raises:
+        InputError: A parameter has no value.
     """
     name, _, rest = words.partition(":")
     parameters: dict[str, Any] = {}
@@ -108,7 +176,4 @@ def switch_on(switches: "Switches", words: str) -> None:
             parameters[key.strip()] = json.loads(value)
         except json.JSONDecodeError:
             parameters[key.strip()] = value
-    try:
-        switches.on(name, **parameters)
-    except TypeError as error:
-        raise InputError(f"--fault {words}: invalid parameters.") from error
+    return name, parameters

@@ -20,7 +20,7 @@ with loading():
     from .conformance import app as conformance
     from .crosscheck import crosscheck
     from .data import convert, inspect
-    from .emulate import emulate
+    from .emulate import app as emulate
     from .export_model import export_model
     from .fit import fit
     from .perceive import perceive
@@ -53,7 +53,6 @@ _COMMANDS = (
     trials,
     compare,
     audit,
-    emulate,
     sweep,
     sensitivity,
     strategies,
@@ -63,6 +62,7 @@ _COMMANDS = (
 for command in _COMMANDS:
     app.command()(command)
 app.command(name="export-model")(export_model)
+app.add_typer(emulate, name="emulate")
 app.add_typer(rig, name="rig")
 app.add_typer(conformance, name="conformance")
 

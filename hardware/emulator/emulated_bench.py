@@ -22,6 +22,7 @@ from .skin_board import SkinBoard
 
 _UNHOMED_MM = (-5.0, -5.0, -5.0)
 """Machine position before homing: outside the range and away from the objects."""
+_HOMING_S = 12.0  # GRBL takes 7 to 23 s
 
 
 class EmulatedBench(NamedTuple):
@@ -71,7 +72,8 @@ def emulated_bench(
     rig = emulated_rig(folder, settings, kind, name, shared_clock)
     _make(folder)
     switches = switches or Switches(seed)
-    controller = Controller(switches, ControllerSettings(homed=homed, start_mm=None if homed else _UNHOMED_MM))
+    start_mm = None if homed else _UNHOMED_MM
+    controller = Controller(switches, ControllerSettings(homed=homed, start_mm=start_mm, homing_s=_HOMING_S))
     place = _Place(controller, rig.stage)
     finger = Finger(settings, place, seed, session)
     links: list[Link] = []

@@ -62,6 +62,11 @@ class Emulation:
         self.objects = tuple(objects)
         self._place_mm = place_mm
 
+    @property
+    def place_mm(self) -> tuple[float, float]:
+        """True position (x, y) of the finger in the rig frame."""
+        return self._place_mm(self.bench.now_s)
+
     def advance(self, until_s: float, sent: Mapping[str, int]) -> Advanced:
         """Advances time until a device writes, at most to `until_s`.
 
@@ -95,7 +100,7 @@ class Emulation:
         what, links = self.finger.what, self.bench.links
         return {
             "now_s": self.bench.now_s,
-            "place_mm": list(self._place_mm(self.bench.now_s)),
+            "place_mm": list(self.place_mm),
             "object": what,
             "object_name": None if what is None else self.objects[what],
             "objects": list(self.objects),

@@ -30,15 +30,19 @@ class Service:
         emulation: The bench.
         path: Path of the socket.
         real_time: Whether rig time follows this computer's clock; requests to advance it are then refused.
+        after: Called after every request, and in real time after every advance.
 
     Raises:
         InputError: The path is too long or exists, or another emulator serves there.
     """
 
-    def __init__(self, emulation: Emulation, path: Path, real_time: bool = False) -> None:
+    def __init__(
+        self, emulation: Emulation, path: Path, real_time: bool = False, after: Callable[[], object] = lambda: None
+    ) -> None:
         self._emulation = emulation
         self._path = path
         self._real_time = real_time
+        self._after = after
         self._listener = _listen(path)
         self._unread: dict[socket.socket, bytes] = {}
         self._driver: socket.socket | None = None
@@ -66,6 +70,7 @@ class Service:
                     self._hear(ready)
             if self._real_time:
                 self._emulation.bench.catch_up(time.monotonic() - start_s)
+                self._after()
 
     def close(self) -> None:
         """Closes all connections and removes the socket."""
@@ -119,6 +124,7 @@ class Service:
             answer = {"error": f"Invalid request: {error}."}
         except InputError as error:
             answer = {"error": str(error)}
+        self._after()
         return msgspec.json.encode({"number": question.get("number"), **answer})
 
     def _carry_out(self, question: dict[str, Any]) -> dict[str, Any]:

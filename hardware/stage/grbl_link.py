@@ -34,6 +34,13 @@ ANSWER_S = 0.5
 """Timeout in seconds for the answer to a line, which takes milliseconds."""
 _KNOCK_S = 0.25
 _AT_REST = (State.IDLE, State.ALARM)
+_STUCK = {
+    State.HOLD: "press its cycle start to finish the motion that it holds, or home it (--home), which drops the motion",
+    State.DOOR: "close its safety door and press cycle start, or home it (--home)",
+    State.CHECK: "it checks G-code without moving: send $C, or home it (--home)",
+    State.SLEEP: "it sleeps: press its reset, or home it (--home)",
+}
+"""States that only a person or a reset ends, and how."""
 _DEAF_S = 1.0  # a reset is ignored while an alarm is printed
 
 
@@ -84,7 +91,8 @@ class GrblLink:
 
         Args:
             boot_s: Timeout in seconds.
-            may_reset: Whether to reset a silent controller, as after an alarm, and wait once more.
+            may_reset: Whether to reset a controller that is silent, as after an alarm, or in a state that only a reset
+                ends, and wait once more.
 
         Raises:
             WrongDevice: The device is not a GRBL 1.1 controller.
@@ -95,7 +103,8 @@ class GrblLink:
         while not self._introduced():
             if self.loop.now < until:
                 continue
-            if not may_reset or self.said.noise or self.said.status is not None:
+            stuck = self.said.status is not None and self.said.status.state in _STUCK
+            if not may_reset or self.said.noise or (self.said.status is not None and not stuck):
                 raise self._stranger(boot_s)
             may_reset, until = False, self.loop.now + boot_s
             self.write(grbl.RESET)
@@ -118,9 +127,10 @@ class GrblLink:
 
     def _stranger(self, boot_s: float) -> RigError:
         if self.said.status is not None and self.said.status.state not in _AT_REST:
+            state = self.said.status.state
             return StageFault(
-                f"{self.port.address}: the controller must be idle, but was in state {self.said.status.state} for "
-                f"{boot_s:g} s; wait until it ends or reset it."
+                f"{self.port.address}: the controller must be idle, but was in state {state} for {boot_s:g} s; "
+                f"{_STUCK.get(state, 'wait until it ends or reset it')}."
             )
         if self.said.noise:
             said = f"sent {self.said.heard!r}" if self.said.heard is not None else "sent noise"

@@ -65,6 +65,9 @@ class Commands:
             return self._print(kind)
         if kind == "I" and rest.startswith("="):  # stored, as a setting is
             return (yield from self._write(0, cpu.memory[0]))
+        if kind == "S" and rest == "LP":
+            cpu.sleeping = cpu.locked = True
+            return 0
         if match := _WRITE.fullmatch(line):
             return (yield from self._write(int(match[1]), float(match[2]))) if match[2] else _BAD_NUMBER
         return _UNKNOWN_COMMAND if kind in "#IRS" or kind.isdigit() else _BAD_NUMBER
@@ -155,6 +158,9 @@ class Commands:
                 yield from self._break_soft_limit()
             yield from cpu.until_room()
             self._move(target_mm, block.feed_mm_min / 60, jog=jog)
+        if block.ends:
+            yield from cpu.until_done()
+            cpu.say(grbl_report.PROGRAM_END)
         self._modal = block.modal
         return 0
 

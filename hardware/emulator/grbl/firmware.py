@@ -155,6 +155,10 @@ class Firmware:
             code = yield from self._commands.execute(line)
             self._in_line = False
             self._answer(code)
+            if self._cpu.sleeping:
+                self._cpu.say(grbl_report.SLEEPING)
+                while True:
+                    yield math.inf
             if self._cpu.restarts:
                 yield from self._restart(None)
 

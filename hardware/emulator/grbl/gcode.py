@@ -27,6 +27,7 @@ _NOT_EMULATED = {2, 3, 10, 18, 19, 28, 30, 55, 56, 57, 58, 59, 92, 93}
 _M_GROUP = {0: -4, 1: -4, 2: -4, 30: -4, 3: -7, 4: -7, 5: -7, 7: -8, 8: -8, 9: -8}
 _VALUES, _NEVER_NEGATIVE = frozenset("FIJKLNPRSTXYZ"), frozenset("FNPST")
 _JOG_GROUPS = {0, 3, 6}
+_FLOW, _ENDS = -4, {2, 30}
 _DIGITS, _LAST_LINE, _LAST_TOOL = 8, 10_000_000, 255
 
 
@@ -68,6 +69,7 @@ class Block(NamedTuple):
         machine: Whether they are machine coordinates (G53).
         feed_mm_min: Speed; infinity for the fastest the axes allow.
         dwell_s: Waiting time after all motion, None for no dwell.
+        ends: Whether it ends the program.
     """
 
     modal: Modal
@@ -76,6 +78,7 @@ class Block(NamedTuple):
     machine: bool
     feed_mm_min: float
     dwell_s: float | None
+    ends: bool = False
 
 
 def parse(text: str, modal: Modal, *, jog: bool) -> Block:
@@ -89,7 +92,7 @@ def parse(text: str, modal: Modal, *, jog: bool) -> Block:
     Raises:
         LineRefused: The line is invalid.
     """
-    codes, groups, values = _words(text)
+    codes, groups, values, flow = _words(text)
     inches = 20 in codes or (modal.inches and 21 not in codes)
     absolute = 90 in codes or (modal.absolute and 91 not in codes)
     motion = next(iter(codes & {*_MOTIONS, _NO_MOTION}), 1 if jog else modal.motion)
@@ -113,12 +116,12 @@ def parse(text: str, modal: Modal, *, jog: bool) -> Block:
         raise LineRefused(36)
     if jog and (groups - _JOG_GROUPS or 4 in codes or codes & _OWN_AXES):
         raise LineRefused(16)
-    if codes & _NOT_EMULATED or -4 in groups:
+    if codes & _NOT_EMULATED or flow - _ENDS:
         raise LineRefused(20)
-    after = modal if jog else Modal(motion, absolute, inches, feed)
+    after = modal if jog else Modal(1, True, inches, feed) if flow else Modal(motion, absolute, inches, feed)
     if jog and not axes:  # measured on GRBL 1.1h
         return Block(after, dict.fromkeys(range(3), 0.0), True, True, feed, None)
-    return Block(after, axes, absolute, 53 in codes, feed if motion == 1 else math.inf, dwell_s)
+    return Block(after, axes, absolute, 53 in codes, feed if motion == 1 else math.inf, dwell_s, bool(flow))
 
 
 def _check_motion(
@@ -141,11 +144,12 @@ def _check_motion(
         raise LineRefused(35)
 
 
-def _words(text: str) -> tuple[set[int], set[int], dict[str, float]]:
-    """Numbers of the G words, groups of the G and M words, and values of the others."""
+def _words(text: str) -> tuple[set[int], set[int], dict[str, float], set[int]]:
+    """Numbers of the G words, groups of the G and M words, values of the others, and M words of program flow."""
     codes: set[int] = set()
     groups: set[int] = set()
     values: dict[str, float] = {}
+    flow: set[int] = set()
     at = 0
     while at < len(text):
         if not "A" <= text[at] <= "Z":
@@ -164,10 +168,11 @@ def _words(text: str) -> tuple[set[int], set[int], dict[str, float]]:
                 raise LineRefused(21)
             groups.add(group)
             codes |= {code} if letter == "G" else set()
+            flow |= {code} if group == _FLOW else set()
         else:
             _check_value(letter, number, values)
             values[letter] = number
-    return codes, groups, values
+    return codes, groups, values, flow
 
 
 def _number(text: str) -> float:

@@ -94,6 +94,7 @@ class Processor:
         held: Whether a feed hold or the safety door is active.
         door: Whether it is the safety door.
         checking: Whether it only checks G-code (`$C`).
+        sleeping: Whether it sleeps until a reset (`$SLP`).
         restarts: Whether it restarts after the current line.
         listens: Whether it answers `?`.
         resets: Whether it obeys a reset.
@@ -123,6 +124,7 @@ class Processor:
         self.deaf_until = self.suspended_until = -math.inf
         self.listens = self.resets = True
         self.homing = self.jogging = self.held = self.door = self.checking = self.restarts = False
+        self.sleeping = False
 
     @property
     def moves(self) -> bool:
@@ -196,6 +198,8 @@ class Processor:
     @property
     def state(self) -> str:
         """State as in a report."""
+        if self.sleeping:
+            return "Sleep"
         if self.homing or self.locked:
             return "Home" if self.homing else "Alarm"
         if self.checking:

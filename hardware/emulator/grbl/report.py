@@ -13,6 +13,7 @@ ENABLED = "[MSG:Enabled]"
 DISABLED = "[MSG:Disabled]"
 DOOR = "[MSG:Check Door]"
 CRITICAL = "[MSG:Reset to continue]"
+SLEEPING = "[MSG:Sleeping]"
 PROGRAM_END = "[MSG:Pgm End]"
 HELP = "[HLP:$$ $# $G $I $N $x=val $Nx=line $J=line $SLP $C $X $H ~ ! ? ctrl-x]"
 

@@ -505,3 +505,24 @@ def test_beyond_the_travel_nothing_is_sent(bench):
         rig.stage.path([(0.0, 1.0, 12.0), (0.0, 9.0, 12.0)])
 
     assert sent == rig.port.log
+
+
+@pytest.mark.parametrize(
+    ("sent", "state", "advice"),
+    [
+        (b"G0X-60\n!", "Hold", "press its cycle start"),
+        (b"\x84", "Door", "close its safety door"),
+        (b"$C\n", "Check", r"send \$C"),
+        (b"$SLP\n", "Sleep", "press its reset"),
+    ],
+)
+def test_a_state_that_only_a_person_ends_is_named_and_homing_ends_it(bench, sent, state, advice):
+    made = bench(connect=False)
+    made.controller.receive(sent, made.loop.now)
+    made.loop.sleep(1.0)
+    with pytest.raises(StageFault, match=f"was in state {state} for .* s; .*{advice}"):
+        made.stage.connect()
+
+    made.stage.connect(will_home=True)
+    made.stage.home()
+    assert made.stage.homed

@@ -43,6 +43,24 @@ def test_a_line_in_progress_is_answered_between_reset_and_banner(line):
     assert line.say(b"\x18", 1.0) == b"ALARM:3\r\nok\r\n" + BANNER + UNLOCK
 
 
+def test_only_a_reset_ends_sleep(line):
+    assert line.say(b"$SLP\n") == b"ok\r\n[MSG:Sleeping]\r\n"
+    assert line.state() == "Sleep"
+    assert line.say(b"~$X\n", 1.0) == b""
+
+    assert line.say(b"\x18", 1.0) == BANNER + UNLOCK
+    assert line.state() == "Alarm"
+
+
+def test_the_end_of_a_program_restores_modes_after_its_motion(line):
+    line.say(b"G91G1F6000\nX-10\n", 0.01)
+
+    assert line.say(b"M30\n", 2.0).endswith(b"[MSG:Pgm End]\r\nok\r\n")
+    assert line.place[0] == -11.0
+    assert b"[GC:G1 G54 G17 G21 G90" in line.say(b"$G\n")
+    assert line.say(b"M0\n") == b"error:20\r\n"
+
+
 def test_homing_is_silent_and_ends_off_the_switches(unhomed):
     """A status asked for meanwhile comes just before the `ok`."""
     assert unhomed.status() == "<Alarm|MPos:0.000,0.000,0.000|FS:0,0>\r\n"
