@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..models.errors import InputError
+from .shared.homing import Home, Yes, confirm_homing
 from .shared.interrupt import loading, terminable
 
 if TYPE_CHECKING:
@@ -29,7 +30,8 @@ def collect(
     out: Annotated[Path, typer.Option("--out", help=".mcap file to write, one per session.")],
     resume: Annotated[bool, typer.Option("--resume", help="Continue OUT after its last accepted tap.")] = False,
     session: Annotated[int | None, typer.Option(min=0, help="Session number; default: as in PLAN.")] = None,
-    home: Annotated[bool, typer.Option("--home", help="Home the stage first; it moves to its limit switches.")] = False,
+    home: Home = False,
+    yes: Yes = False,
 ) -> None:
     """Tap the objects of PLAN at known positions and record everything; prompts for each change of object."""
     with loading():
@@ -51,6 +53,7 @@ def collect(
     with naming(plan_file):
         plan.check_range(settings.range)
         _check_objects(plan, settings)
+    confirm_homing(rig_file, home, yes)
     about = about_rig(settings, read_settings(rig_file), plan)
     taps = list(plan.taps())
     console = Console(stderr=True)

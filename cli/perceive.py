@@ -9,6 +9,7 @@ from typer import Argument, Context, Option
 
 from ..models.errors import InputError
 from ..models.settings import PlaySettings
+from .shared.homing import Home, Yes, confirm_homing
 from .shared.interrupt import loading, terminable
 from .shared.options import Fields, Force, Missing, SettingFile, Story, TrainingTaps, given, merged, spelled_out
 from .shared.recording import check_record, kept, recording
@@ -108,7 +109,8 @@ def perceive(
         Path | None,
         Option("--record", metavar="FILE.mcap", help="Record all data of the rig to this file; requires a rig.toml."),
     ] = None,
-    home: Annotated[bool, Option("--home", help="Home the stage first; it moves to its limit switches.")] = False,
+    home: Home = False,
+    yes: Yes = False,
     story: Story = None,
     training_taps: TrainingTaps = False,
     missing: Missing = "refuse",
@@ -129,9 +131,7 @@ def perceive(
     force: Force = False,
 ) -> None:
     """Perceive an object and its position by tapping, and show the belief after each tap."""
-    from ..hardware.named_rigs import check_training_taps
-
-    check_training_taps(training_taps, rig)
+    _check_rig(rig, training_taps, home, yes)
     _check_together(play, move, stop, given(context, "threshold"))
     read = None
     if setting is not None:
@@ -191,6 +191,13 @@ def perceive(
             shown.note(kept(recorder))
     if image is not None:
         save_picture(endings[-1].seen, image, force)
+
+
+def _check_rig(rig: str, training_taps: bool, home: bool, yes: bool) -> None:
+    from ..hardware.named_rigs import check_training_taps
+
+    check_training_taps(training_taps, rig)
+    confirm_homing(rig, home, yes)
 
 
 def _chosen(

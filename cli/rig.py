@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from .shared.homing import Home, Yes, confirm_homing
 from .shared.interrupt import loading, terminable
 
 app = typer.Typer(help="Check the devices of a rig.", no_args_is_help=True)
@@ -21,7 +22,8 @@ def check(
         Path, typer.Argument(metavar="RIG", help="Settings file of the rig, rig.toml.", show_default=False)
     ],
     seconds: Annotated[float, typer.Option(min=0.5, help="Duration of the sensor check in seconds.")] = 10.0,
-    home: Annotated[bool, typer.Option("--home", help="Home the stage; it moves to its limit switches.")] = False,
+    home: Home = False,
+    yes: Yes = False,
 ) -> None:
     """Check devices, timing, noise, drift and travel; exit code 1 if there is a problem.
 
@@ -37,6 +39,7 @@ def check(
         from .shared.showing_rig import show_report
 
     settings = load_rig(rig_file)
+    confirm_homing(rig_file, home, yes)
     console = Console()
     with (
         terminable(),

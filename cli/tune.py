@@ -8,6 +8,7 @@ from typer import Context, Option
 
 from ..models.errors import InputError
 from ..models.settings import Division, FitSettings, PlaySettings
+from .shared.homing import Home, Yes, confirm_homing
 from .shared.interrupt import loading, terminable
 from .shared.options import (
     DIVIDED,
@@ -57,9 +58,8 @@ def tune(
         str | None, Option(metavar="RIG", help="With --online: rig as in `perceive`; default: held-out taps.")
     ] = None,
     what: Annotated[str | None, Option("--object", help="Object under a real rig, by name or index from 0.")] = None,
-    home: Annotated[
-        bool, Option("--home", help="With --rig: home the stage first; it moves to its limit switches.")
-    ] = False,
+    home: Home = False,
+    yes: Yes = False,
     training_taps: TrainingTaps = False,
     state: Annotated[
         Path | None,
@@ -93,6 +93,7 @@ def tune(
     from ..models.storage import check_netcdf_name
 
     _check_words(context, online, rig, target_error)
+    confirm_homing(rig or "", home, yes)
     if model_file is not None:
         check_netcdf_name(model_file)
     _check_files({"--out": out, "--model-file": model_file, "--targets": targets}, state, force)
@@ -157,7 +158,7 @@ def _check_files(files: "dict[str, Path | None]", state: Path | None, force: boo
 
 def _check_words(context: Context, online: int | None, rig: str | None, target_error: float | None) -> None:
     """Checks that options can be combined."""
-    alone = {"--online": ("rig", "state", "learner"), "--rig": ("what", "home")}
+    alone = {"--online": ("rig", "state", "learner"), "--rig": ("what", "home", "yes")}
     for other, asked in (("--online", online), ("--rig", rig)):
         for name in alone[other]:
             if asked is None and given(context, name):

@@ -127,7 +127,8 @@ def _look_at_stage(rig: Rig, report: RigReport, home: bool) -> None:
     try:
         stage.connect(will_home=home)
         if home:
-            stage.home()
+            rig.skin.listen()
+            rig.home()
     except RigError as error:
         report.wrong.append(str(error))
     if (found := stage.report) is None:
@@ -163,14 +164,17 @@ def _look_at_sensor(rig: Rig, report: RigReport, seconds: float) -> None:
     report.lines.append(("sensor", sensor.port))
     frames: list[SkinFrame] = []
     try:
-        skin.start()
+        if not skin.port.is_open:
+            skin.listen()
+        skin.monitor.measure_baseline()
         skin.on_frame = frames.append
         lost = skin.counts.lost
         with rig.loop.guarded(skin.monitor.check):
             rig.loop.sleep(seconds)
         lost = skin.counts.lost - lost
     except RigError as error:
-        report.wrong.append(str(error))
+        if str(error) not in report.wrong:
+            report.wrong.append(str(error))
         return
     if len(frames) < _LEAST_READINGS:
         report.wrong.append(

@@ -118,35 +118,62 @@ class Rig:
         return self.where_index, self.settings.range.where_classes - 1 - self.where_index
 
     def connect(self, home: bool = False) -> None:
-        """Opens both devices, lifts the finger off the object and starts the readings.
+        """Opens both devices, starts the readings, and lifts the finger off the object.
 
         Args:
-            home: Whether to home the stage, which moves it to its limit switches.
+            home: Whether to home the stage first, see `home`.
 
         Raises:
             PositionUnknown: The stage needs homing.
             RigError: A device is missing, unexpected or failing.
         """
         self.stage.connect(will_home=home)
+        self.skin.listen()
+        self._journal.event(self.loop.now, "stream", "the readings start")
         if home:
-            self.stage.home()
-        if self.stage.position_mm is None:
+            self.home()
+        position = self.stage.position_mm
+        if position is None:
             port = self.settings.stage.port
             raise PositionUnknown(f"{port}: position unknown; clear the path of the stage and home it (--home).")
         self.clear()
-        self.skin.start()
-        self._journal.event(self.loop.now, "stream", "the readings start")
+        if home or position[1] > self.settings.tap.clear_mm + _AWAY_MM:
+            self.skin.stop()  # a board that calibrated under load reads wrong afterwards
+            self.skin.listen()
+        self.skin.monitor.measure_baseline()
         self._cutter = TapCutter(self.preprocessing)
         self._rest_from = self._arrived
         self.go(self._place_mm)
+
+    def home(self) -> None:
+        """Homes the stage, which moves it to its limit switches while the readings are watched for an overload.
+
+        The path cannot be watched, as the controller sends no reports meanwhile.
+
+        Raises:
+            SensorOverload: A taxel saturated; the controller was reset.
+            RigError: A device failed, or there are no readings.
+        """
+        monitor = self.skin.monitor
+        self._wait_for_frames(1)
+        pressed = monitor.overloaded(self._frames[-1])
+
+        def overloaded(now_s: float) -> None:
+            monitor.check(now_s)
+            if not pressed and monitor.overloaded(self._frames[-1]):
+                raise SensorOverload(f"{self.settings.sensor.port}: a taxel saturated while homing.")
+
+        with self.loop.guarded(overloaded):
+            self.stage.home()
 
     def clear(self) -> None:
         """Lifts the finger off the object.
 
         Raises:
-            RigError: The stage does not respond.
+            RigError: A device does not respond.
         """
-        self.stage.move(y_mm=self.settings.tap.clear_mm)
+        with self.loop.guarded(self.skin.monitor.check):
+            self.stage.move(y_mm=self.settings.tap.clear_mm)
 
     def go(self, x_mm: float) -> None:
         """Moves to a position along the finger, clear of the object.
@@ -164,7 +191,7 @@ class Rig:
         self._check_connected()
         with self._resting_on_trouble():
             self._lift()
-            self.stage.move(x_mm=float(x_mm))
+            self._pass(float(x_mm))
         self._place_mm = float(x_mm)
 
     def move(self, delta: int) -> int:
@@ -251,7 +278,17 @@ class Rig:
         self._lift()
         position = self.stage.position_mm
         if position is None or abs(position[0] - self._place_mm) > _AWAY_MM:
-            self.stage.move(x_mm=self._place_mm)
+            self._pass(self._place_mm)
+
+    def _pass(self, x_mm: float) -> None:
+        """Moves along the finger, and stops if it touches something."""
+        monitor = self.skin.monitor
+        with (
+            self.loop.guarded(monitor.check),
+            self.loop.guarded(monitor.check_free),
+            self.loop.guarded(self.stage.check),
+        ):
+            self.stage.move(x_mm=x_mm)
 
     def _press(self) -> None:
         tap = self.settings.tap
@@ -337,7 +374,7 @@ class Rig:
 
     def _retract(self) -> None:
         self.stage.stop()
-        self.clear()
+        self.stage.move(y_mm=self.settings.tap.clear_mm)
 
 
 def still_pressing(trouble: BaseException, worse: RigError) -> NotAtRest:

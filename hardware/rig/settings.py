@@ -74,6 +74,7 @@ class StageSettings(_RigTable, frozen=True):
         baud: Bits per second (GRBL: 115200).
         boot_s: Timeout in seconds for the banner of a controller that is reset by opening the port.
         homing_s: Timeout of homing in seconds.
+        homes_past_object: Whether homing may end beyond the limits of y on the side of the object.
     """
 
     port: str
@@ -82,6 +83,7 @@ class StageSettings(_RigTable, frozen=True):
     baud: Baud = 115200
     boot_s: Seconds = 5.0
     homing_s: Seconds = 120.0
+    homes_past_object: bool = False
 
 
 class _SensorTable(_RigTable, frozen=True, kw_only=True):

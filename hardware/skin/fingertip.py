@@ -95,18 +95,17 @@ class Fingertip:
         counts.refused = self._adapter.refused
         return counts
 
-    def start(self) -> None:
-        """Opens the port, configures board and triangle, starts the readings and measures the baseline.
+    def listen(self) -> None:
+        """Opens the port, configures board and triangle and starts the readings.
 
         Raises:
-            RigError: The device is missing, unexpected or touched; the port is closed again.
+            RigError: The device is missing or unexpected; the port is closed again.
         """
         try:
             self._adapter.open()
             self._ask_version()
             self._set_up()
             self._wait_for_readings()
-            self.monitor.measure_baseline()
         except BaseException:
             self.stop()
             raise

@@ -155,11 +155,11 @@ class LineSensor:
         counts.dropped = self._decoder.lines.dropped.line_count
         return counts
 
-    def start(self) -> None:
-        """Opens the port, waits for readings and measures the baseline.
+    def listen(self) -> None:
+        """Opens the port and waits for readings.
 
         Raises:
-            RigError: The device is missing, unexpected or touched; the port is closed again.
+            RigError: The device is missing or unexpected; the port is closed again.
         """
         try:
             open_patiently(self.port, self._loop, self._journal)
@@ -171,7 +171,6 @@ class LineSensor:
             self.monitor.begin()
             self._loop.attach(self.port, self.receive)
             self._wait_for_readings()
-            self.monitor.measure_baseline()
         except BaseException:
             self.stop()
             raise

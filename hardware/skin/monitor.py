@@ -15,7 +15,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import SensorFault, StaleSensor
+from ..errors import SensorFault, SensorOverload, StaleSensor
 from ..journal import Journal
 from ..link.loop import Loop
 from ..link.port import Port
@@ -30,6 +30,8 @@ A busy computer leaves gaps of some 0.14 s; a finger at 12 mm/s moves 2 mm in th
 """
 _GAPS = 3.0  # how many times the longest gap of the baseline is no silence
 BLIND_READINGS = 3
+_TOUCHED_READINGS = 3  # a single one may be damaged
+_TOUCH_NOISE_LIMITS = 5.0
 BASELINE_S = 1.0
 BASELINE_READINGS = 50
 RATE_TOLERANCE = 0.05
@@ -41,7 +43,7 @@ _CLOCK_SLACK = 0.25
 class Skin(Protocol):
     """A tactile sensor on a port that sends readings at a steady rate.
 
-    After `start`, `on_frame` is called for every reading while the loop runs.
+    After `listen`, `on_frame` is called for every reading while the loop runs.
 
     Attributes:
         port: Port of the sensor.
@@ -68,11 +70,11 @@ class Skin(Protocol):
         """Configured readings per second."""
         ...
 
-    def start(self) -> None:
-        """Opens the port, checks the device, starts the readings and measures the baseline.
+    def listen(self) -> None:
+        """Opens the port, checks the device and starts the readings.
 
         Raises:
-            RigError: The device is missing, unexpected or touched.
+            RigError: The device is missing or unexpected; the port is closed again.
         """
         ...
 
@@ -105,7 +107,7 @@ class SkinMonitor:
         self._losses = self._tracker(self._period_s)
         self._last: SkinFrame | None = None
         self._last_s = math.inf
-        self._same = self._blind = 0
+        self._same = self._blind = self._pressed = 0
         self._is_late = False
         self._longest_s = 0.0  # gap of the baseline
 
@@ -126,7 +128,7 @@ class SkinMonitor:
         """Discards earlier readings, at the start or end of a stream."""
         self._losses = self._tracker(self._period_s)
         self._last, self._last_s = None, math.inf
-        self._same = self._blind = 0
+        self._same = self._blind = self._pressed = 0
         self._is_late = False
 
     def take(self, frame: SkinFrame, clock_s: float) -> None:
@@ -147,6 +149,7 @@ class SkinMonitor:
         counts.invalid += not valid
         self._blind = 0 if valid or frame.valid.any() else self._blind + 1
         counts.saturated += self.overloaded(frame)
+        self._pressed = self._pressed + 1 if self._presses(frame) else 0
         if valid:
             self.rest.follow(frame)
         if self._collected is not None:
@@ -173,6 +176,20 @@ class SkinMonitor:
     def overloaded(self, frame: SkinFrame) -> bool:
         """Whether a taxel is saturated under load, even if reported as invalid."""
         return bool(frame.values.max() >= self._limits.overload)
+
+    def check_free(self, now_s: float) -> None:  # noqa: ARG002 - the signature of a guard
+        """Guard for moves beside the object.
+
+        Raises:
+            SensorOverload: The last three readings are of a finger that touches something.
+        """
+        if self._pressed >= _TOUCHED_READINGS:
+            raise SensorOverload(f"{self._limits.name}: the finger touched something on its way and was lifted.")
+
+    def _presses(self, frame: SkinFrame) -> bool:
+        """Whether a taxel reads far above its baseline, or is saturated where none is known."""
+        above = frame.values - self.rest.values
+        return self.overloaded(frame) or bool((above > _TOUCH_NOISE_LIMITS * self._limits.noise_limit).any())
 
     def check(self, now_s: float) -> None:
         """Guard for the loop.

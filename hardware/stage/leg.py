@@ -75,14 +75,16 @@ def needed_settings(settings: StageSettings) -> frozenset[int]:
     )
 
 
-def check_setup(settings: StageSettings, values: Mapping[int, float]) -> Setup:
+def check_setup(settings: StageSettings, values: Mapping[int, float], will_home: bool = False) -> Setup:
     """Axes of a controller with settings that suit the rig.
 
     Args:
         settings: Settings of the stage.
         values: Settings of the controller by number, at least `needed_settings`.
+        will_home: Whether the stage is to be homed.
 
     Raises:
+        OutOfLimits: Homing would end beyond the object, and the settings do not allow it.
         WrongDevice: A setting does not suit; the message names it and what to send.
     """
     port = settings.port
@@ -97,6 +99,12 @@ def check_setup(settings: StageSettings, values: Mapping[int, float]) -> Setup:
         raise WrongDevice(f"{port}: soft limits are off ($20=0); send $20=1.")
     x = _axis(port, "x", settings.x, values)
     y = _axis(port, "y", settings.y, values)
+    home_mm = settings.y.rig_mm(y.home_mm)
+    if will_home and home_mm > settings.y.high_mm and not settings.homes_past_object:
+        raise OutOfLimits(
+            f"{port}: homing would end at y = {home_mm:g} mm, beyond the object; correct stage.y.direction or the side "
+            f"of the switch ($23), or set stage.homes_past_object = true if the path is clear."
+        )
     return Setup(x, y, tuple(_notes(settings, y, values)))
 
 

@@ -117,7 +117,7 @@ class Stage:
         try:
             self._link.open()
             self._link.greet(self._settings.boot_s, will_home)
-            self._setup = check_setup(self._settings, self._read_values())
+            self._setup = check_setup(self._settings, self._read_values(), will_home)
             status = self._locate()
         except BaseException:
             self.close()

@@ -61,7 +61,7 @@ def stale():
 
 
 def test_a_plan_becomes_a_tap_set(bench, words, command, tmp_path):
-    done = command(*words, "--home", "--session", 9)
+    done = command(*words, "--home", "--yes", "--session", 9)
 
     assert done.code == 0
     assert "a.mcap: 8 taps" in done.out

@@ -13,6 +13,7 @@ from solidtouch.hardware.errors import (
     StaleSensor,
     WrongDevice,
 )
+from solidtouch.hardware.rig.open_rig import connected
 
 
 def with_acks(settings, acks):
@@ -190,6 +191,9 @@ def on_the_object(rig_bench):
 def test_fault_29_start_while_something_touches(rig_bench, on_the_object):
     """The board has calibrated under load, which shows when the load is gone."""
     lift = lambda: rig_bench.emulation.control({"object": None})  # noqa: E731
+    lift()
+    with connected(rig_bench.build(settings=on_the_object)) as rig:
+        rig.go(8.0)
     rig_bench.diary.when("command", lift, lambda command: command[1] == b"t20E20700\r")
     with (
         pytest.raises(BaselineRefused, match=r"calibration under load.* free the finger and restart"),

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from skin_start import start
 from solidtouch.hardware.errors import NoAnswer, WrongDevice
 from solidtouch.hardware.journal import NoJournal
 from solidtouch.hardware.link.loop import HostClock, Loop
@@ -45,7 +46,7 @@ def stream(n, seed=0):
 def test_the_start_is_that_of_the_stock_driver(make):
     """Board, triangle, start; 20 ms is 0x14, and only the triangle wanted is enabled."""
     skin = make(*OPENING, VERSION, *SET_UP, *stream(52), *LAST)
-    skin.start()
+    start(skin)
     skin.stop()
 
     assert skin.version is not None
@@ -59,7 +60,7 @@ def test_an_adapter_that_never_answers_is_told_the_same(make):
     quiet = [(sent, b"") for sent, _ in [*OPENING[2:], (VERSION[0], b""), *SET_UP]]
     exchanges = [(b"\rC\r", b""), (b"V\r", b"b158aa7 canable-fw.git\r"), *quiet]
     skin = make(*exchanges, *stream(52), *LAST)
-    skin.start()
+    start(skin)
     skin.stop()
 
     assert skin.version is None
@@ -68,7 +69,7 @@ def test_an_adapter_that_never_answers_is_told_the_same(make):
 def test_without_acks_nothing_is_asked(make):
     exchanges = [(sent, b"") for sent, _ in [OPENING[0], *OPENING[2:], VERSION, *SET_UP]]
     skin = make(*exchanges, *stream(52), *LAST, acks="none")
-    skin.start()
+    start(skin)
 
     assert skin.counts.frames >= 50
     assert skin.counts.refused == 0
@@ -84,13 +85,13 @@ def test_a_refused_command_is_named_in_strict_mode(make, refused):
     skin = make(*exchanges, *LAST, acks="strict")
 
     with pytest.raises(WrongDevice, match=f"skin: the adapter refused the command .*{re.escape(names[refused])}"):
-        skin.start()
+        start(skin)
 
 
 def test_an_adapter_without_z_will_do_unless_strict(make):
     opening = [*OPENING[:2], (b"Z0\r", b"\a"), *OPENING[3:]]
     skin = make(*opening, VERSION, *SET_UP, *stream(52), *LAST)
-    skin.start()
+    start(skin)
     skin.stop()
 
     assert skin.counts.refused == 1
@@ -99,12 +100,12 @@ def test_an_adapter_without_z_will_do_unless_strict(make):
 def test_an_answer_that_is_lost_ends_the_waiting_for_answers_unless_strict(make):
     opening = [*OPENING[:3], (b"S8\r", b""), *OPENING[4:]]
     skin = make(*opening, VERSION, *SET_UP, *stream(52), *LAST)
-    skin.start()
+    start(skin)
     skin.stop()
 
     strict = make(OPENING[0], OPENING[2], (b"S8\r", b""), *LAST, acks="strict")
     with pytest.raises(NoAnswer, match=r"skin: the adapter did not answer .*S8"):
-        strict.start()
+        start(strict)
 
 
 def test_halves_only_are_no_reading(make):
@@ -112,7 +113,7 @@ def test_halves_only_are_no_reading(make):
     skin = make(*OPENING, VERSION, *SET_UP, *heads, *LAST)
 
     with pytest.raises(Exception, match="skin: only half readings arrive from board 14, triangle 2"):
-        skin.start()
+        start(skin)
 
 
 def listening(make, **changes):

@@ -8,6 +8,7 @@ import re
 
 import numpy as np
 import pytest
+from skin_start import start
 from solidtouch.hardware.emulator.adapter import Adapter
 from solidtouch.hardware.emulator.faults import Switches
 from solidtouch.hardware.emulator.finger import Finger
@@ -84,7 +85,7 @@ class Bench:
         return self.skin
 
     def started(self, **settings):
-        self.tip(**settings).start()
+        start(self.tip(**settings))
         return self.skin
 
     def readings(self, n=50):
@@ -145,7 +146,7 @@ def test_stopped_it_is_silent_and_can_start_again(bench, loop):
     assert len(bench.frames) == n
     assert not skin.port.is_open
 
-    skin.start()
+    start(skin)
     assert skin.monitor.verdict(bench.readings()) is None
 
 
@@ -337,7 +338,7 @@ def test_a_finger_that_lifts_off_during_the_baseline_is_refused(bench, loop):
         bench.y_mm = AWAY_MM if now_s > 1.6 else PRESSED_MM
 
     with loop.guarded(lift), pytest.raises(BaselineRefused, match="skin: taxel"):
-        skin.start()
+        start(skin)
 
 
 def test_what_is_not_slcan_is_another_device_or_speed(bench):
@@ -376,7 +377,7 @@ def test_another_board_is_named(bench):
     skin = bench.tip()
     skin._sensor = skin._sensor._replace(triangle=7)
     with pytest.raises(WrongDevice, match="no readings from board 14, triangle 7, but from board 1, triangle 0"):
-        skin.start()
+        start(skin)
 
 
 @pytest.mark.parametrize("error", [PortLost("skin: unplugged."), PortBusy("skin: busy.")])
@@ -397,7 +398,7 @@ def test_an_interrupted_start_lets_go_of_the_port(bench, monkeypatch):
             raise KeyboardInterrupt
 
     with bench.loop.guarded(interrupted), pytest.raises(KeyboardInterrupt):
-        skin.start()
+        start(skin)
 
     assert not skin.port.is_open
     assert math.isinf(skin.port.next_event_s()) or b"C\r" in skin.port.log[-12:]

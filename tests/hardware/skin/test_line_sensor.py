@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from skin_start import start
 from solidtouch.hardware.emulator.faults import Switches
 from solidtouch.hardware.emulator.finger import Finger
 from solidtouch.hardware.emulator.line_array import LineArray
@@ -77,7 +78,7 @@ def readings(sensor, loop, n):
 def test_it_starts_and_reads(make, loop):
     device = Lines()
     sensor = make(device)
-    sensor.start()
+    start(sensor)
     frames = readings(sensor, loop, 50)
     sensor.monitor.check(loop.now)
 
@@ -96,7 +97,7 @@ def test_it_starts_and_reads(make, loop):
 def test_values_can_fall_under_load_and_be_taken_in_another_order(make, loop):
     device = Lines()
     sensor = make(device, rising=False, overload=50.0, order=[2, 0])
-    sensor.start()
+    start(sensor)
     frame = readings(sensor, loop, 1)[0]
 
     assert np.array_equal(frame.raw, device.values[device.n - 1][[2, 0]])
@@ -109,7 +110,7 @@ def test_values_can_fall_under_load_and_be_taken_in_another_order(make, loop):
 def test_a_lost_reading_is_known_at_once(make, loop):
     device = Lines()
     sensor = make(device)
-    sensor.start()
+    start(sensor)
     device.gone = {device.n + 20, device.n + 21}
     frames = readings(sensor, loop, 50)
 
@@ -121,7 +122,7 @@ def test_a_lost_reading_is_known_at_once(make, loop):
 def test_the_counter_of_the_sensor_may_start_again(make, loop):
     device = Lines(lambda n: b"%d,%d,100,100\n" % ((2**32 - 1500 + PERIOD_MS * n) % 2**32, 99 + n % 3))
     sensor = make(device)
-    sensor.start()
+    start(sensor)
     frames = readings(sensor, loop, 50)
 
     assert np.diff([frame.device_ms for frame in frames]) == pytest.approx(PERIOD_MS)
@@ -132,7 +133,7 @@ def test_the_counter_of_the_sensor_may_start_again(make, loop):
 def test_a_time_that_makes_no_sense_spoils_its_tap_only(make, loop, wrong_ms):
     device = Lines()
     sensor = make(device)
-    sensor.start()
+    start(sensor)
     at = device.n + 10
     device.line = lambda n: b"%d,100,101,99\n" % wrong_ms if n == at else device.usual(n)
     bad, good = readings(sensor, loop, 50), readings(sensor, loop, 50)
@@ -144,7 +145,7 @@ def test_a_time_that_makes_no_sense_spoils_its_tap_only(make, loop, wrong_ms):
 def test_lines_read_late_are_no_loss(make, loop, clock):
     device = Lines()
     sensor = make(device)
-    sensor.start()
+    start(sensor)
     clock.time_s += 2.0
     sensor.port.step()
 
@@ -155,7 +156,7 @@ def test_lines_read_late_are_no_loss(make, loop, clock):
 def test_silence_is_stale(make, loop):
     device = Lines()
     sensor = make(device)
-    sensor.start()
+    start(sensor)
     device.line = lambda _: b""
 
     with loop.guarded(sensor.monitor.check), pytest.raises(StaleSensor, match="skin: no reading for"):
@@ -166,7 +167,7 @@ def test_a_sensor_that_stands_still_is_stuck_only_if_it_may_not(make, loop):
     for stuck, expected in ((0, None), (25, "stuck for 50 readings")):
         device = Lines()
         sensor = make(device, stuck_readings=stuck)
-        sensor.start()
+        start(sensor)
         device.line = lambda n: b"%d,100,100,100\n" % (PERIOD_MS * n)
 
         assert sensor.monitor.verdict(readings(sensor, loop, 50)) == expected
@@ -187,7 +188,7 @@ def test_a_sensor_that_stands_still_is_stuck_only_if_it_may_not(make, loop):
 def test_it_refuses_to_start_and_lets_go_of_the_port(make, loop, line, error, message):
     sensor = make(Lines(line))
     with pytest.raises(error, match=message):
-        sensor.start()
+        start(sensor)
 
     assert not sensor.port.is_open
     loop.turn(loop.now)
@@ -204,7 +205,7 @@ def test_a_busy_port_is_tried_for_a_while(make, loop, monkeypatch):
         open_now()
 
     monkeypatch.setattr(sensor.port, "open", busy_at_first)
-    sensor.start()
+    start(sensor)
 
     assert len(tries) == 5
 
@@ -217,7 +218,7 @@ def test_a_port_that_stays_busy_is_told(make, monkeypatch):
 
     monkeypatch.setattr(sensor.port, "open", busy)
     with pytest.raises(PortBusy, match="skin: busy"):
-        sensor.start()
+        start(sensor)
 
 
 def test_settings_choose_the_driver(loop):
@@ -240,7 +241,7 @@ def test_an_emulated_array_with_faults(loop, wired, fault, options, verdict):
     finger = Finger(PRESETS["paper"], lambda _: (8.0, 0.0), seed=0, session=0, what=1)
     settings = LineSettings(port="skin", taxels=12, rate_hz=50.0, noise_limit=4.0, stuck_readings=25)
     sensor = LineSensor(settings, loop, NoJournal(), wired(LineArray(faults, finger, 50.0), address="skin"))
-    sensor.start()
+    start(sensor)
     assert sensor.monitor.verdict(readings(sensor, loop, 50)) is None
     assert sensor.remarks == ["solidtouch-lines K=12 rate_hz=50"]
 

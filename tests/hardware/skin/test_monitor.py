@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from solidtouch.hardware.errors import BaselineRefused, SensorFault, StaleSensor
+from solidtouch.hardware.errors import BaselineRefused, SensorFault, SensorOverload, StaleSensor
 from solidtouch.hardware.journal import NoJournal
 from solidtouch.hardware.skin.monitor import SkinMonitor
 from solidtouch.hardware.skin.skin import SkinFrame, SkinLimits, taxel_names
@@ -168,6 +168,26 @@ def test_the_silence_that_is_stale_follows_from_rate_and_gaps(loop, rng, monkeyp
     monitor.measure_baseline()
 
     assert monitor.stale_s == pytest.approx(stale_s)
+
+
+def test_a_finger_that_touches_something_for_three_readings_is_not_free(monitor, rng):
+    """One reading may be damaged; below five noise limits it is noise, and without a baseline nothing is known."""
+    limit = 5 * LIMITS.noise_limit
+    shown(monitor, [reading(0.02 * i, 250.0) for i in range(5)])
+    monitor.check_free(0.1)
+    frames = noisy(50, rng)
+    monitor.rest.settle(frames)
+    rest = frames[0].values
+    for above, times, free in ((limit + 5, 2, True), (limit + 5, 3, False), (limit - 5, 9, True)):
+        monitor.begin()
+        for i in range(times):
+            frame = reading(1.0 + 0.02 * i)
+            monitor.take(replace(frame, values=rest + above), frame.time_s)
+        if free:
+            monitor.check_free(2.0)
+        else:
+            with pytest.raises(SensorOverload, match="touched something on its way"):
+                monitor.check_free(2.0)
 
 
 def test_three_blind_readings_are_a_fault_and_two_are_not(monitor, rng):

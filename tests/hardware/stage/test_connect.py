@@ -5,6 +5,7 @@ import re
 import pytest
 from solidtouch.hardware.errors import (
     NoAnswer,
+    OutOfLimits,
     PortBusy,
     PortError,
     PositionUnknown,
@@ -107,6 +108,12 @@ def test_what_may_disappoint_is_noted(plugged, changed, note):
 
     (text,) = stage.report.notes
     assert re.search(note, text)
+
+
+def test_homing_beyond_the_object_is_refused_unless_allowed(plugged):
+    stage = plugged(status(), dollar(_23=2))
+    with pytest.raises(OutOfLimits, match=r"end at y = 159 mm, beyond the object; .* stage.homes_past_object = true"):
+        stage.connect(will_home=True)
 
 
 def test_homing_bits_of_grblhal_are_understood(plugged):

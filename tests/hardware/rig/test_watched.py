@@ -1,0 +1,59 @@
+"""Every move is watched: nothing moves before readings arrive, and a silence or a touch on the way stops the finger."""
+
+import msgspec
+import pytest
+from solidtouch.hardware.errors import NoAnswer, SensorOverload, StaleSensor
+from solidtouch.hardware.rig.open_rig import connected
+
+
+def is_move(data):
+    return data.startswith((b"$J=", b"$H"))
+
+
+@pytest.mark.parametrize("home", [False, True])
+def test_nothing_moves_before_readings_arrive(make_bench, home):
+    with make_bench(homed=not home) as bench:
+        bench.on("silent_sensor")
+        with pytest.raises(NoAnswer, match="no readings"), connected(bench.build(), home):
+            pass
+        moves = [data for data in bench.diary.sent(bench.stage_port) if is_move(data)]
+
+        assert not home or not moves
+        assert not any(b"X" in data and b"Y" not in data for data in moves)
+
+
+def test_a_silence_on_the_way_stops_the_finger(rig_bench):
+    with rig_bench.rig() as rig:
+        start = rig_bench.place_mm[0]
+        rig_bench.diary.when("command", lambda: rig_bench.on("silent_sensor"), lambda sent: is_move(sent[1]))
+        with pytest.raises(StaleSensor, match="no reading for"):
+            rig.move(7)
+
+        assert abs(rig_bench.place_mm[0] - start) < 6.0
+        assert rig_bench.is_clear
+
+
+def test_a_touch_on_the_way_stops_the_finger(rig_bench):
+    """The finger passes so low that it meets an object which is put in its way."""
+    tap = rig_bench.settings.tap
+    low = msgspec.structs.replace(tap, clear_mm=tap.depth_mm - 1)
+    rig = rig_bench.build(settings=msgspec.structs.replace(rig_bench.settings, tap=low))
+    rig_bench.emulation.control({"object": None})
+    with connected(rig):
+        rig_bench.emulation.control({"object": len(rig_bench.emulation.objects) - 1})
+        with pytest.raises(SensorOverload, match="the finger touched something on its way"):
+            rig.move(10)
+
+
+def test_an_overload_while_homing_resets_the_controller(make_bench):
+    with make_bench(homed=False) as bench:
+        rig = bench.build()
+
+        def overload():
+            rig.skin.monitor.overloaded = lambda _: True
+
+        bench.diary.when("command", overload, lambda sent: sent[1].startswith(b"$H"))
+        with pytest.raises(SensorOverload, match="a taxel saturated while homing"), connected(rig, home=True):
+            pass
+
+        assert b"\x18" in bench.diary.sent(bench.stage_port)
