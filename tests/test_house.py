@@ -93,7 +93,7 @@ EDGES = {
     "serial": ("hardware/link/port.py",),
     "sklearn": ("inference/classifier.py",),
     "threadpoolctl": ("models/threads.py",),
-    "typer": ("cli/*.py", "cli/shared/options.py"),
+    "typer": ("cli/*.py", "cli/shared/homing.py", "cli/shared/options.py"),
     "zarr": ("analysis/sweep/store.py",),
 }
 """The files that may import any other package, wherever in a file and for types alone as well."""
