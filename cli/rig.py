@@ -50,3 +50,42 @@ def check(
     show_report(report, console)
     if report.wrong:
         raise typer.Exit(1)
+
+
+@app.command()
+def approach(
+    rig_file: Annotated[
+        Path, typer.Argument(metavar="RIG", help="Settings file of the rig, rig.toml.", show_default=False)
+    ],
+    at: Annotated[
+        float | None, typer.Option("--at", help="Position along the finger in mm; default: the middle of the range.")
+    ] = None,
+    home: Home = False,
+    yes: Yes = False,
+) -> None:
+    """Approach an object slowly until the finger touches it, to prove the geometry; exit code 1 if there is a problem.
+
+    Moves at 1 mm/s, in steps of 0.1 mm from tap.clear_mm towards tap.depth_mm.
+    """
+    with loading():
+        from ..hardware.journal import NoJournal
+        from ..hardware.rig.approach import SLOW_MM_S
+        from ..hardware.rig.approach import approach as approached
+        from ..hardware.rig.open_rig import connected, unconnected
+        from ..hardware.rig.settings import load_rig
+
+    settings = load_rig(rig_file)
+    confirm_homing(rig_file, home, yes)
+    limits = settings.range
+    with terminable(), unconnected(settings, NoJournal()) as rig:
+        rig.slow_mm_s = SLOW_MM_S
+        with connected(rig, home):
+            found = approached(rig, (limits.start_mm + limits.end_mm) / 2 if at is None else at)
+    if found.contact_mm is not None:
+        pressed = found.depth_mm - found.contact_mm
+        begins = f"The object begins at y = {found.contact_mm:.1f} mm"
+        print(f"{begins}; tap.depth_mm = {found.depth_mm:g} presses it by {pressed:.1f} mm.")
+    for sentence in found.wrong:
+        print(f"! {sentence}")
+    if found.wrong:
+        raise typer.Exit(1)

@@ -70,6 +70,7 @@ class Rig:
     Attributes:
         label: Label of the next taps in the journal, as JSON values.
         tally: Numbers of taps so far.
+        slow_mm_s: Speed of all moves but taps; `None` for that of the axes.
         emulator: Clock of emulated devices, which takes orders such as putting objects under the finger; else None.
     """
 
@@ -80,6 +81,7 @@ class Rig:
         self.skin = skin
         self.label: Mapping[str, Any] = {}
         self.tally = TapTally()
+        self.slow_mm_s: float | None = None
         self.emulator: Connection | None = None
         self._journal = journal
         self._cutter = TapCutter(self.preprocessing)
@@ -136,11 +138,16 @@ class Rig:
         if position is None:
             port = self.settings.stage.port
             raise PositionUnknown(f"{port}: position unknown; clear the path of the stage and home it (--home).")
-        self.clear()
-        if home or position[1] > self.settings.tap.clear_mm + _AWAY_MM:
+        pressing = position[1] > self.settings.tap.clear_mm + _AWAY_MM
+        if pressing:
+            self.clear()
+        if home or pressing:
             self.skin.stop()  # a board that calibrated under load reads wrong afterwards
             self.skin.listen()
         self.skin.monitor.measure_baseline()
+        if not pressing:
+            with self.loop.guarded(self.skin.monitor.check_free):
+                self.clear()
         self._cutter = TapCutter(self.preprocessing)
         self._rest_from = self._arrived
         self.go(self._place_mm)
@@ -173,7 +180,7 @@ class Rig:
             RigError: A device does not respond.
         """
         with self.loop.guarded(self.skin.monitor.check):
-            self.stage.move(y_mm=self.settings.tap.clear_mm)
+            self.stage.move(y_mm=self.settings.tap.clear_mm, speed_mm_s=self.slow_mm_s)
 
     def go(self, x_mm: float) -> None:
         """Moves to a position along the finger, clear of the object.
@@ -189,7 +196,7 @@ class Rig:
                 f"{limits.start_mm:g} to {limits.end_mm:g} mm."
             )
         self._check_connected()
-        with self._resting_on_trouble():
+        with self.resting_on_trouble():
             self._lift()
             self._pass(float(x_mm))
         self._place_mm = float(x_mm)
@@ -211,7 +218,7 @@ class Rig:
         self._check_connected()
         reasons: list[str] = []
         while len(reasons) <= self.settings.tap.retries:
-            with self._resting_on_trouble():
+            with self.resting_on_trouble():
                 samples, reason = self._attempt()
             self._journal.tap(self.loop.now, reason is None, reason or "")
             if reason is None:
@@ -288,7 +295,7 @@ class Rig:
             self.loop.guarded(monitor.check_free),
             self.loop.guarded(self.stage.check),
         ):
-            self.stage.move(x_mm=x_mm)
+            self.stage.move(x_mm=x_mm, speed_mm_s=self.slow_mm_s)
 
     def _press(self) -> None:
         tap = self.settings.tap
@@ -344,7 +351,7 @@ class Rig:
         return self._tap
 
     @contextmanager
-    def _resting_on_trouble(self) -> Iterator[None]:
+    def resting_on_trouble(self) -> Iterator[None]:
         """Brings the rig to rest if the block fails, including by Ctrl-C."""
         try:
             yield

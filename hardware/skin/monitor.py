@@ -177,13 +177,18 @@ class SkinMonitor:
         """Whether a taxel is saturated under load, even if reported as invalid."""
         return bool(frame.values.max() >= self._limits.overload)
 
+    @property
+    def touches(self) -> bool:
+        """Whether the last three readings are of a finger that touches something."""
+        return self._pressed >= _TOUCHED_READINGS
+
     def check_free(self, now_s: float) -> None:  # noqa: ARG002 - the signature of a guard
         """Guard for moves beside the object.
 
         Raises:
             SensorOverload: The last three readings are of a finger that touches something.
         """
-        if self._pressed >= _TOUCHED_READINGS:
+        if self.touches:
             raise SensorOverload(f"{self._limits.name}: the finger touched something on its way and was lifted.")
 
     def _presses(self, frame: SkinFrame) -> bool:

@@ -122,6 +122,13 @@ def test_from_a_new_bench_to_a_decision(tmp_path, monkeypatch, command):
         assert (refused.code, "home it (--home)" in refused.err) == (3, True)
         checked = command("rig", "check", "rig.toml", "--home")
         assert (checked.code, "No problems found." in checked.out) == (0, True)
+        bench.emulation.control({"object": 1})
+        touched = command("rig", "approach", "rig.toml")
+        assert (touched.code, touched.out.startswith("The object begins at y = ")) == (0, True)
+        assert is_off(bench)
+        bench.emulation.control({"object": None})
+        untouched = command("rig", "approach", "rig.toml", "--at", bench.rig.range.start_mm)
+        assert (untouched.code, "! nothing was touched" in untouched.out) == (1, True)
         assert names(tmp_path) == found
 
         collected = command("collect", "rig.toml", "plan.toml", "--out", "a.mcap")
