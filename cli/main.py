@@ -34,6 +34,7 @@ with loading():
     from .tune import tune
     from .validate import validate
 
+_FINGER = "Finger "  # begins a note of `hardware.rig.open_rig`
 app = typer.Typer(
     name="solidtouch",
     help="Active Bayesian perception for robot touch: exact posteriors over position and object.",
@@ -129,18 +130,32 @@ def run() -> None:
         if not isinstance(error, ZeroEvidenceError):
             raise
         _refuse(error, 2)
-    except KeyboardInterrupt:  # outside a command; Typer turns those inside into exit codes
+    except KeyboardInterrupt as stop:  # outside a command; Typer turns those inside into exit codes
         print(MESSAGE, file=sys.stderr)
+        _print_place(stop)
         sys.exit(INTERRUPTED)
     except SystemExit as stop:
         if stop.code in (INTERRUPTED, TERMINATED):
             print(MESSAGE, file=sys.stderr)
+            _print_place(stop)
         raise
 
 
 def _refuse(reason: object, code: int) -> NoReturn:
     print(f"solidtouch: {'\n'.join(map(printable, str(reason).split('\n')))}", file=sys.stderr)
+    if isinstance(reason, BaseException):
+        _print_place(reason)
     sys.exit(code)
+
+
+def _print_place(error: BaseException | None) -> None:
+    """Prints where the finger is, if a note on an error says so, or on what it arose from."""
+    while error is not None:
+        for note in getattr(error, "__notes__", ()):
+            if note.startswith(_FINGER):
+                print(note, file=sys.stderr)
+                return
+        error = error.__cause__ or error.__context__
 
 
 @contextmanager

@@ -59,7 +59,8 @@ def connected(rig: Rig, home: bool = False) -> Iterator[Rig]:
     """The rig, connected inside the block and at rest after it.
 
     Raises:
-        RigError: As `Rig.connect` and `Rig.close`; the first failure, unless the finger may still be pressing.
+        RigError: As `Rig.connect` and `Rig.close`; the first failure, unless the finger may still be pressing. A note
+            on any error says where the finger is.
     """
     try:
         rig.connect(home)
@@ -68,8 +69,16 @@ def connected(rig: Rig, home: bool = False) -> Iterator[Rig]:
         try:
             rig.close()
         except RigError as worse:
-            if isinstance(trouble, NotAtRest):
-                raise trouble from None
-            raise still_pressing(trouble, worse) from trouble
+            told = trouble if isinstance(trouble, NotAtRest) else still_pressing(trouble, worse)
+            told.add_note(_place(rig))
+            raise told from (None if told is trouble else trouble)
+        trouble.add_note(_place(rig))
         raise
     rig.close()
+
+
+def _place(rig: Rig) -> str:
+    """Where a closed rig left the finger, for the last line."""
+    if rig.rest_mm is None:
+        return "Finger position unknown: switch the power off before touching it."
+    return f"Finger off the object at y = {rig.rest_mm[1]:z.1f} mm."

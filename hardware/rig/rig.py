@@ -70,6 +70,7 @@ class Rig:
     Attributes:
         label: Label of the next taps in the journal, as JSON values.
         tally: Numbers of taps so far.
+        rest_mm: Where `close` left the finger, x and y; `None` before, or if that is not known.
         slow_mm_s: Speed of all moves but taps; `None` for that of the axes.
         emulator: Clock of emulated devices, which takes orders such as putting objects under the finger; else None.
     """
@@ -81,6 +82,7 @@ class Rig:
         self.skin = skin
         self.label: Mapping[str, Any] = {}
         self.tally = TapTally()
+        self.rest_mm: tuple[float, float] | None = None
         self.slow_mm_s: float | None = None
         self.emulator: Connection | None = None
         self._journal = journal
@@ -240,6 +242,7 @@ class Rig:
             try:
                 if self.stage.position_mm is not None:
                     self._rest()
+                    self.rest_mm = self.stage.position_mm
             finally:
                 self.skin.stop()
                 self.stage.close()

@@ -229,6 +229,7 @@ def test_a_disk_that_gets_full_stops_a_collection_that_can_go_on(bench, command)
 
     assert done.code == 2
     assert "a.mcap: writing failed" in done.err
+    assert done.err.splitlines()[-1] == "Finger off the object at y = 0.0 mm."
     assert is_off(bench)
     kept = len(read_rig("a.mcap").taps)
     assert 0 < kept < TAPS
@@ -247,6 +248,7 @@ def test_a_signal_in_the_middle_of_a_press_takes_the_finger_off_and_ends_the_fil
 
     assert done.code == code
     assert "interrupted" in done.err
+    assert done.err.splitlines()[-1] == "Finger off the object at y = 0.0 mm."
     assert "Traceback" not in done.err
     assert max(y for _, y in bench.places) > 1.5
     assert is_off(bench)

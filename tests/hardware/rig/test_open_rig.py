@@ -16,7 +16,7 @@ class Refusing:
     """A rig whose parts fail as told, and that counts how often it was closed."""
 
     def __init__(self, connecting=None, closing=None):
-        self.connecting, self.closing, self.closed = connecting, closing, 0
+        self.connecting, self.closing, self.closed, self.rest_mm = connecting, closing, 0, None
 
     def connect(self, _):
         if self.connecting is not None:
@@ -84,11 +84,29 @@ def test_a_rig_that_cannot_be_opened_leaves_nothing_open(rig_bench, missing, fau
         settings = msgspec.structs.replace(settings, **{missing: part})
     else:
         rig_bench.on(fault[0], **fault[1])
-    with pytest.raises(RigError, match=r"(none|stage|finger): .*\.$"), rig_bench.rig(settings=settings):
+    with pytest.raises(RigError, match=r"(?m)(none|stage|finger): .*\.$"), rig_bench.rig(settings=settings):
         pass
 
     assert rig_bench.open_ports == []
     assert rig_bench.is_clear
+
+
+@pytest.mark.parametrize(
+    ("fault", "how", "note"),
+    [
+        ("silent_sensor", {}, "Finger off the object at y = 0.0 mm."),
+        ("unplug", {"port": "stage"}, "Finger position unknown: switch the power off before touching it."),
+    ],
+)
+def test_a_note_says_where_the_finger_is(rig_bench, fault, how, note):
+    def tap():
+        with rig_bench.rig() as rig:
+            rig_bench.once_deep(lambda: rig_bench.on(fault, **how))
+            rig.tap()
+
+    with pytest.raises(RigError) as caught:
+        tap()
+    assert caught.value.__notes__ == [note]
 
 
 def test_what_fails_is_told_and_closing_follows():
@@ -102,7 +120,7 @@ def test_what_fails_is_told_and_closing_follows():
 
 def test_a_finger_that_stays_on_is_told_after_whatever_failed():
     rig = Refusing(closing=StageFault("It does not stop."))
-    sentence = r"^division by zero\. The finger may still be pressing; .* hand\. It does not stop\.$"
+    sentence = r"^division by zero\. The finger may still be pressing; .* It does not stop\.\nFinger position unknown"
     with pytest.raises(NotAtRest, match=sentence), connected(rig):
         raise ZeroDivisionError("division by zero")
 
