@@ -93,12 +93,14 @@ strategy-studies: $(VENV)/.ready-run
 fuzz: $(VENV)/.ready-run
 	@$(PY) -m benchmarks.checks.fuzz
 	@$(PY) -m benchmarks.checks.fuzz_files $(if $(FILES),--files $(FILES))
+	@$(PY) -m benchmarks.checks.fuzz_commands
 
 faults: $(VENV)/.ready-run
 	@$(PY) -m benchmarks.checks.faults
 
 kills: $(VENV)/.ready-run
 	@$(PY) -m benchmarks.checks.kills
+	@$(PY) -m benchmarks.checks.interruptions
 
 mutants: $(VENV)/.ready-dev
 	@$(PY) -m benchmarks.checks.mutants --document docs/explanation/mutants.md $(if $(NUMBER),--number $(NUMBER))
@@ -134,10 +136,10 @@ help:
 	@echo "make strategy-studies  strategies of moving and stopping, regret against the exact rule, tuning"
 	@echo "make rig-demo  collect, fit and perceive on emulated devices"
 	@echo "make faults  tap an emulated rig under random faults, damage every byte of its commands, and report; 11 minutes"
-	@echo "make kills   kill data collections at random moments and count lost taps"
+	@echo "make kills   kill data collections and all long commands at random moments, fill their disks, start them twice; an hour"
 	@echo "make mutants  plant small errors and count those that tests notice, into docs/explanation/mutants.md; hours, resumes"
 	@echo "make house   print sizes and shape of the code; VERSION=REVISION measures another version, as far as nothing has to run"
-	@echo "make fuzz    feed the decoders a million random and mutated inputs, the readers 1000 damaged files of each format"
+	@echo "make fuzz    feed the decoders a million random and mutated inputs, the readers 1000 damaged files of each format, the commands 1000 damaged lines"
 	@echo "make lock    pin the newest dependencies in constraints.txt"
 	@echo "make clean   remove generated files"
 

@@ -1,5 +1,5 @@
 """`python -m solidtouch.cli`, if the command is not on the path."""
 
-from .main import run
+from .main import program
 
-run()
+program()

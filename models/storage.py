@@ -7,6 +7,7 @@ interrupted command leaves no incomplete file.
 import errno
 import json
 import os
+import re
 import shutil
 import tempfile
 from collections import Counter
@@ -16,11 +17,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, cast
 
 from .errors import InputError
-from .io.untrusted import check_size, is_sealed, read_first, seal
+from .io.untrusted import check_size, in_bytes, is_sealed, read_first, seal
 
 if TYPE_CHECKING:
     import xarray as xr
     from numpy.typing import DTypeLike, NDArray
+
+_NUMBER = re.compile(r"errno = (\d+)")
 
 
 def check_writable(path: str | Path, force: bool = False) -> Path:
@@ -51,13 +54,20 @@ def check_writable(path: str | Path, force: bool = False) -> Path:
 
 
 @contextmanager
-def complete_file(path: str | Path, force: bool = False) -> Iterator[Path]:
+def complete_file(path: str | Path, force: bool = False, room: int = 0) -> Iterator[Path]:
     """Temporary file name that becomes `path` if the block ends without an exception.
+
+    Args:
+        path: The file.
+        force: Whether to overwrite an existing file.
+        room: Bytes that must be free on its disk; 0 if unknown.
 
     Raises:
         InputError: As `check_writable`, or the operating system refuses the write (for example a full disk).
     """
     path = check_writable(path, force)
+    if room > (free := shutil.disk_usage(path.parent).free):
+        raise InputError(f"{path}: cannot write: needs {in_bytes(room)}, but {in_bytes(free)} are free on the disk.")
     try:
         handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=path.suffix, dir=path.parent)
     except OSError as error:
@@ -69,9 +79,23 @@ def complete_file(path: str | Path, force: bool = False) -> Iterator[Path]:
         temporary.chmod(0o666 & ~_umask())
         temporary.replace(path)
     except OSError as error:
-        raise InputError(f"{path}: cannot write: {error.strerror or error}.") from error
+        raise InputError(f"{path}: cannot write: {reason(error)}.") from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def reason(error: OSError) -> str:
+    """Why the system refused something, in its own words, also where HDF5 tells it at length."""
+    said = error.strerror or str(error)
+    number = _NUMBER.search(said)
+    return os.strerror(int(number[1])) if number else said.split("\n", 1)[0].rstrip(".")
+
+
+def room_for(dataset: "xr.Dataset") -> int:
+    """Bytes that a dataset takes at least in a file; a disk that fills while HDF5 writes may crash Python later."""
+    packed = ("zlib", "compression")
+    variables = dataset.variables.values()
+    return sum(each.nbytes for each in variables if not any(each.encoding.get(name) for name in packed))
 
 
 def write_groups(groups: "Mapping[str, xr.Dataset]", path: str | Path, force: bool = False) -> None:
@@ -82,7 +106,7 @@ def write_groups(groups: "Mapping[str, xr.Dataset]", path: str | Path, force: bo
     """
     import xarray as xr  # noqa: PLC0415
 
-    with complete_file(path, force) as temporary:
+    with complete_file(path, force, sum(map(room_for, groups.values()))) as temporary:
         xr.DataTree.from_dict(groups).to_netcdf(temporary, engine="h5netcdf")
         seal(temporary)
 
@@ -250,7 +274,7 @@ def complete_folder(path: str | Path, force: bool = False) -> Iterator[Path]:
         for file in sorted(temporary.iterdir()):
             file.replace(path / file.name)
     except OSError as error:
-        raise InputError(f"{path}: cannot write: {error.strerror or error}.") from error
+        raise InputError(f"{path}: cannot write: {reason(error)}.") from error
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
 

@@ -47,7 +47,7 @@ from .grid import ClassGrid, group, parse_length, values_from_names
 from .io.untrusted import seal
 from .preprocessing import Preprocessing
 from .settings import Missing, check_missing
-from .storage import check_netcdf_name, check_writable, complete_file, read_groups, read_zarr
+from .storage import check_netcdf_name, check_writable, complete_file, read_groups, read_zarr, room_for
 from .tap_checks import check_shapes, check_values
 
 FORMAT = 1
@@ -405,7 +405,7 @@ class TapSet:
             InputError: The file has another ending, cannot be written, or exists and `force` is not set.
         """
         check_netcdf_name(check_writable(path, force))
-        with complete_file(path, force) as temporary:
+        with complete_file(path, force, room_for(self.dataset)) as temporary:
             if self.samples.nbytes > storage.ON_DISK:
                 write_in_blocks(self.dataset, "taps", temporary)
             else:

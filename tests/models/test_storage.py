@@ -3,6 +3,7 @@
 import errno
 import os
 import stat
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -71,6 +72,28 @@ def test_a_full_disk_is_an_input_error(tmp_path):
     ):
         raise OSError(28, "No space left on device")
     assert names(tmp_path) == []
+
+
+def test_what_hdf5_says_of_a_full_disk_is_said_in_a_word(tmp_path):
+    said = "Can't write data (file write failed: time = now\n, errno = 28, error message = 'No space left on device')"
+    with (
+        pytest.raises(InputError, match=r"model\.nc: cannot write: No space left on device\.$"),
+        complete_file(tmp_path / "model.nc"),
+    ):
+        raise OSError(said)
+
+
+def test_a_dataset_that_does_not_fit_the_disk_is_refused_before_it_is_written(tmp_path, monkeypatch):
+    """But one that is to be packed, whose size is not known."""
+    data = xr.Dataset({"a": ("x", np.zeros(1000))})
+    monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=5000))
+    with pytest.raises(InputError, match=r"a\.nc: cannot write: needs 8 kB, but 5 kB are free on the disk\."):
+        write_groups({"/": data}, tmp_path / "a.nc")
+    assert names(tmp_path) == []
+
+    data["a"].encoding["zlib"] = True
+    write_groups({"/": data}, tmp_path / "a.nc")
+    assert names(tmp_path) == ["a.nc"]
 
 
 def test_existing_files_are_kept_without_force(tmp_path):
