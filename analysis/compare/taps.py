@@ -7,7 +7,9 @@ diagnostic allows, which a sample of the taps decides, and exactly where a close
 """
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from threading import Lock
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -44,6 +46,7 @@ class ScoreKind(NamedTuple):
 
 LOG_PROBABILITY = ScoreKind()
 _SKEWED_FROM = 5
+_ONE_QUIET = Lock()
 """Fewest clusters of one size where correcting for skewness covers more than Student's t, widened as much, would."""
 
 
@@ -92,6 +95,14 @@ def leave_one_tap_out(fitted: Fitted, taps: TapSet, draws: int, seed: int) -> xr
     return result
 
 
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Ignores warnings, in one thread at a time: Python keeps what is ignored for all threads together."""
+    with _ONE_QUIET, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
+
+
 def _importance_sampled(
     fitted: Fitted, taps: TapSet, draws: int, seed: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
@@ -103,8 +114,7 @@ def _importance_sampled(
         log_probability[i] = values
     bins = (("chain", "draw", "tap"), log_probability[None])
     tree = xr.DataTree.from_dict({"log_likelihood": xr.Dataset({"bins": bins})})
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of large Pareto k, which are reported one by one
+    with _quiet():  # of large Pareto k, which are reported one by one
         try:
             loo: Any = az.loo(tree, pointwise=True, reff=1.0)
         except ValueError:  # all draws give some tap the same probability, so there is no tail to fit
@@ -165,8 +175,7 @@ def stacked(elpd: Mapping[str, Any]) -> Any:
     import arviz as az  # noqa: PLC0415
     import scipy.optimize  # noqa: F401, PLC0415 - a library that is loaded later would use all cores and round otherwise
 
-    with one_blas_thread(), warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with one_blas_thread(), _quiet():
         return az.compare(elpd, method="stacking", round_to="none")
 
 
