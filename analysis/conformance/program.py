@@ -11,10 +11,11 @@ import tempfile
 import time
 from codecs import BOM_UTF8
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import IO, NamedTuple
 
+from ...hardware.rig.deferred_signals import signals_deferred
 from ...models.errors import InputError
 
 _AT_ONCE = 1 << 16
@@ -89,22 +90,16 @@ def run_program(words: Sequence[str], lines: Iterable[str], timeout: float) -> E
     Raises:
         InputError: There is no such program.
     """
-    with tempfile.TemporaryFile("w+", encoding="utf-8") as given:
-        given.writelines(f"{line}\n" for line in lines)
-        given.seek(0)
+    with ExitStack() as stack:
+        process = None
         try:
-            process = subprocess.Popen(  # noqa: S603 - running the user's program is what this is for
-                words, stdin=given, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True
-            )
-        except OSError as error:
-            raise InputError(f"--command: {words[0]} cannot be run: {error.strerror}.") from error
-    with process:
-        assert process.stdout is not None  # noqa: S101 - for the type checker
-        assert process.stderr is not None  # noqa: S101
-        output, errors = streams = _Stream(process.stdout), _Stream(process.stderr, " to standard error", _AT_ONCE)
-        end = time.monotonic() + timeout
-        left = ""
-        try:
+            with signals_deferred():  # one that comes before the program is known would leave it running
+                process = stack.enter_context(_start(words, lines))
+            assert process.stdout is not None  # noqa: S101 - for the type checker
+            assert process.stderr is not None  # noqa: S101
+            output, errors = streams = _Stream(process.stdout), _Stream(process.stderr, " to standard error", _AT_ONCE)
+            end = time.monotonic() + timeout
+            left = ""
             failure = _read(streams, end)
             with suppress(subprocess.TimeoutExpired):
                 process.wait(0.0 if failure else max(end - time.monotonic(), 0.0))
@@ -116,14 +111,27 @@ def run_program(words: Sequence[str], lines: Iterable[str], timeout: float) -> E
                 failure = _failure(process.returncode, errors.kept)
                 left = _left(process.pid, not (output.open or errors.open), timeout)
         finally:
-            _kill(process.pid)  # also what it has started itself
-            process.wait()
+            if process is not None:
+                _kill(process.pid)  # also what it has started itself
+                process.wait()
         end = time.monotonic() + _GRACE_S
         while (escaped := output.open or errors.open) and time.monotonic() < end:
             _read(streams, end)
         if escaped:
             left = "left a process running that could not be stopped, as it left the process group"
     return Ended(output.kept, failure, late, left)
+
+
+def _start(words: Sequence[str], lines: Iterable[str]) -> subprocess.Popen[bytes]:
+    with tempfile.TemporaryFile("w+", encoding="utf-8") as given:
+        given.writelines(f"{line}\n" for line in lines)
+        given.seek(0)
+        try:
+            return subprocess.Popen(  # noqa: S603 - running the user's program is what this is for
+                words, stdin=given, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True
+            )
+        except OSError as error:
+            raise InputError(f"--command: {words[0]} cannot be run: {error.strerror}.") from error
 
 
 class _Stream:
