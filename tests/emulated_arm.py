@@ -46,9 +46,9 @@ class EmulatedArm:
         dispatcher: Any = numba.jit(**function.targetoptions)(function.py_func)
         types = tuple(numba.typeof(each) for each in arguments)
         dispatcher.compile(types)
-        overload = dispatcher.overloads[types]
+        overload = dispatcher.overloads[types]._asdict()
         self._held: list[NDArray[np.uint8]] = []
-        self._names, self._begin = self._loaded(overload.library.get_llvm_str(), overload.fndesc.llvm_func_name)
+        self._names, self._begin = self._loaded(overload["library"].get_llvm_str(), overload["fndesc"].llvm_func_name)
         self._processor = _unicorn.Uc(unicorn.UC_ARCH_ARM64, unicorn.UC_MODE_ARM)
         self._processor.mem_map(_OUTSIDE, 0x10000)
         self._processor.mem_write(_OUTSIDE, _RETURN * (0x10000 // len(_RETURN)))
