@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...inference.moves.control import check_fixation
 from ...inference.trials.records import TapTable, TrialPlan, Trials
 from ...inference.trials.resampling import CONFIDENCE, RESAMPLES, play_resamples, spread, trial_noise, widened
+from ...models.compiled import compiled
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
 from ...models.measurement.model import TapModel
@@ -211,11 +212,30 @@ def guarantee_sentence(data: xr.Dataset) -> str:
 
 def _counts(M: int, trials: Trials, plan: TrialPlan) -> dict[str, NDArray[np.float64]]:
     """Trials with each object: all, stopped, stopped for another, doubt of the stopped, taps of all; (H, M, 5)."""
-    stopped, missed = trials.stopped, trials.stopped & (trials.what != plan.what[:, np.newaxis])
-    doubt = np.where(stopped, np.clip(1 - trials.belief, 0.0, 1.0), 0.0)
-    columns = np.ones_like(doubt), stopped, missed, doubt, trials.taps
-    counts = [[np.bincount(plan.what, one, M) for one in np.transpose(column)] for column in columns]
-    return {"counts": np.array(counts).transpose(1, 2, 0)}
+    counts = np.zeros((trials.taps.shape[1], M, 5))
+    _add(plan.what, trials.taps, trials.stopped, trials.what, trials.belief, counts)
+    return {"counts": counts}
+
+
+@compiled
+def _add(
+    true: NDArray[np.intp],
+    taps: NDArray[np.int64],
+    stopped: NDArray[np.bool_],
+    what: NDArray[np.int64],
+    belief: NDArray[np.float64],
+    counts: NDArray[np.float64],
+) -> None:
+    """Adds trials up as `_counts`."""
+    for i in range(len(true)):
+        for h in range(len(counts)):
+            cell = counts[h, true[i]]
+            cell[0] += 1
+            if stopped[i, h]:
+                cell[1] += 1
+                cell[2] += what[i, h] != true[i]
+                cell[3] += min(max(1.0 - belief[i, h], 0.0), 1.0)
+            cell[4] += taps[i, h]
 
 
 def _described(counts: NDArray[np.float64], subject: Subject, trials: int) -> dict[str, NDArray[np.float64]]:

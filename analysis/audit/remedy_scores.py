@@ -7,7 +7,7 @@ taps, in the same trials. A gain in the first divided by the number of taps is w
 share the resamples of the taps, see `inference.trials.resampling`.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -36,6 +36,7 @@ from ...models.measurement.model import TapModel
 from ...models.setting_file import Setting
 from ...models.taps import TapSet
 from ...models.threads import cores, in_order
+from ..page.html import draw_ahead
 from ..page.page import Row
 from ..stats.decisions import at_equal_taps, play_models, spread_of
 from ..stats.reliability import THETAS, headline, reliability
@@ -166,6 +167,7 @@ def measure(
     reliable = decisions(
         tables[base.name], base.grid, base.setting, thetas, trials=trials, seed=seed, resamples=resamples
     )
+    draw_ahead(_figures(reliable))
     as_it_is = headline(reliable, policy, base.setting.play.threshold)
     beliefs_of = partial(_log_beliefs, grid=base.grid, taps=shared, n=n, seed=seed, resamples=resamples)
     seen = [(alike[remedy.name], remedy) for remedy in remedies if remedy.name in alike]
@@ -204,6 +206,14 @@ def measure(
     reference = reference_factors(base.model, own_table, base.setting, policy, trials // 2, seed, simulations, advance)
     judged = judge(as_it_is, base.model, own_table.pool, reference)
     return Measured(scores, n, time, theta, policy, judged, reliable, played, own_table)
+
+
+def _figures(reliable: xr.Dataset) -> Iterator[partial[Any]]:
+    """Figures of the setting as it is."""
+    from . import figures_reliability  # noqa: PLC0415 - loads matplotlib beside the trials
+
+    yield partial(figures_reliability.reliability_after_taps, reliable)
+    yield partial(figures_reliability.reliability_at_stopping, reliable)
 
 
 def policy_of(remedy: Remedy) -> str:

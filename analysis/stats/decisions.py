@@ -27,6 +27,7 @@ from ...inference.trials.resampling import (
     trial_noise,
 )
 from ...inference.trials.selections import sessions_in_words
+from ...models.compiled import compiled
 from ...models.errors import InputError
 from ...models.grid import ClassGrid, policies
 from ...models.settings import PlaySettings
@@ -276,18 +277,41 @@ def decision_interval_sentence(curves: xr.Dataset) -> str:
 
 def _sums(grid: ClassGrid, trials: Trials, plan: TrialPlan) -> dict[str, NDArray[np.float64]]:
     """Sums of `MEANS` over trials at every threshold, each of shape (H,)."""
-    what = plan.what[:, np.newaxis]
-    values = {
-        "what_error": grid.what_error(trials.what, what),
-        "where_error": grid.where_error(trials.where, trials.true_where),
-        "taps": trials.taps,
-        "stopped_fraction": trials.stopped,
-        "doubt": np.maximum(1.0 - trials.belief, 0.0),
-        "what_wrong": trials.what != what,
-        "used_up": trials.used_up,
-        "no_class_left": trials.no_class_left,
-    }
-    return {name: values[name].sum(axis=0) for name in MEANS}
+    L, M = np.arange(grid.L), np.arange(grid.M)
+    between = grid.what_error(M[:, np.newaxis], M), grid.where_error(L[:, np.newaxis], L)
+    sums = np.zeros((len(MEANS), trials.taps.shape[1]))
+    _add(*map(np.ascontiguousarray, trials), plan.what, *between, sums)
+    return dict(zip(MEANS, sums, strict=True))
+
+
+@compiled
+def _add(
+    taps: NDArray[np.int64],
+    what: NDArray[np.int64],
+    where: NDArray[np.int64],
+    true_where: NDArray[np.int64],
+    stopped: NDArray[np.bool_],
+    _: NDArray[np.int64],
+    __: NDArray[np.int64],
+    belief: NDArray[np.float64],
+    used_up: NDArray[np.bool_],
+    no_class_left: NDArray[np.bool_],
+    true: NDArray[np.intp],
+    between_what: NDArray[np.float64],
+    between_where: NDArray[np.float64],
+    sums: NDArray[np.float64],
+) -> None:
+    """Adds `Trials` up, in the order of `MEANS`, given the errors between classes, (M, M) and (L, L)."""
+    for i in range(len(true)):
+        for h in range(sums.shape[1]):
+            sums[0, h] += between_what[what[i, h], true[i]]
+            sums[1, h] += between_where[where[i, h], true_where[i, h]]
+            sums[2, h] += taps[i, h]
+            sums[3, h] += stopped[i, h]
+            sums[4, h] += max(1.0 - belief[i, h], 0.0)
+            sums[5, h] += what[i, h] != true[i]
+            sums[6, h] += used_up[i, h]
+            sums[7, h] += no_class_left[i, h]
 
 
 def _endings(played: xr.Dataset, name: str) -> NDArray[np.float64]:

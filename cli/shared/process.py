@@ -43,7 +43,7 @@ def keep_programs() -> None:
 
 def collect_seldom() -> None:
     """Makes Python search for circular garbage less often, which takes up to a second while JAX and others load."""
-    gc.set_threshold(50_000, 20, 20)
+    gc.set_threshold(200_000, 50, 1000)
 
 
 def cache_folder() -> Path:

@@ -2,11 +2,13 @@
 
 import math
 from collections.abc import Iterable, Sequence
+from functools import lru_cache
 from typing import NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...models import seeds
 from ...models.compiled import compiled
 from ...models.elementary import LEAST, exponential
 from ...models.errors import InputError
@@ -17,6 +19,7 @@ from ..filter import share
 type Floats = NDArray[np.float64]
 
 _DRAWS = 10  # sequences of each class and session that has more taps than one sequence
+_KEPT = 256  # drawn sequences, of one session and length each, that are kept
 
 
 class JudgedSession(NamedTuple):
@@ -60,30 +63,42 @@ class Sequences(NamedTuple):
     log_prior: Floats
 
     @classmethod
-    def draw(cls, judged: JudgedSession, n: int, generator: np.random.Generator, again: bool = False) -> Self:
+    def draw(cls, judged: JudgedSession, n: int, seed: int, session: int, again: bool = False) -> Self:
         """Sequences of n taps; a class with fewer gives all of them, or repeats some with `again`."""
         _, where, what, model = judged
         (L, H), M = judged.log_likelihood.shape[1:], model.grid.M
         values = judged.log_likelihood.reshape(len(where), L * H)
-        true = where * M + what
+        true = (where * M + what).astype(np.int64)
         sums, first, weight, shares = [], [], [], []
-        for c in np.unique(true):
-            members = np.flatnonzero(true == c)
-            if n == 1:
-                chosen = members[:, np.newaxis]
-            elif n < len(members) or (again and n > len(members)):
-                drawn = [generator.choice(members, size=n, replace=n > len(members)) for _ in range(_DRAWS)]
-                chosen = np.array(drawn)
-            else:
-                chosen = members[np.newaxis]
+        for chosen, taps in _drawn(true.tobytes(), n, seed, session & 0xFFFFFFFF, again):
             sums.append(sum_taps(values, chosen))
-            first += [members[0]] * len(chosen)
-            weight += [len(members) / len(chosen)] * len(chosen)
+            first += [chosen[0, 0]] * len(chosen)
+            weight += [taps / len(chosen)] * len(chosen)
             shares += [share(chosen.shape[1], model.saturation)] * len(chosen)
         group = (np.arange(L)[:, np.newaxis] * M + np.arange(H) % M).ravel()
         return cls(
             np.concatenate(sums), group, true[first], np.array(weight), np.array(shares), model.log_prior.ravel()
         )
+
+
+@lru_cache(maxsize=_KEPT)
+def _drawn(true: bytes, n: int, seed: int, session: int, again: bool) -> list[tuple[NDArray[np.intp], int]]:
+    """Sequences of each class, shape (Q, n), and its number of taps; the same ones for all taps of these classes.
+
+    Drawing takes longer than adding the taps up, and studies tune on many data sets alike.
+    """
+    generator, classes = seeds.generator(seed, seeds.Purpose.SEQUENCES, n, session), np.frombuffer(true, np.int64)
+    found = []
+    for c in np.unique(classes):
+        members = np.flatnonzero(classes == c)
+        if n == 1:
+            chosen = members[:, np.newaxis]
+        elif n < len(members) or (again and n > len(members)):
+            chosen = np.array([generator.choice(members, size=n, replace=n > len(members)) for _ in range(_DRAWS)])
+        else:
+            chosen = members[np.newaxis]
+        found.append((chosen, len(members)))
+    return found
 
 
 def mean_log_belief(sequences: Sequence[Sequences], exponent: float, power: float | None = None) -> float:
@@ -183,17 +198,24 @@ def _log_beliefs(
     out: Floats,
 ) -> None:
     """Compiled `log_beliefs`, from the arrays of `Sequences` without their weights."""
-    joint = np.empty(log_likelihood.shape[1])
+    joint, own, found, asked = np.empty(len(group)), np.empty(len(group), np.intp), 0, -1
     for q in range(len(true)):
+        if true[q] != asked:  # sequences of a class follow each other
+            asked, found = true[q], 0
+            for c in range(len(group)):
+                if group[c] == asked:
+                    own[found] = c
+                    found += 1
         top = mine = -np.inf
         for c in range(len(joint)):
             joint[c] = share[q] * (log_prior[c] + exponent * log_likelihood[q, c])
             top = max(top, joint[c])
-            mine = max(mine, joint[c] if group[c] == true[q] else -np.inf)
-        total = own = 0.0
+        for i in range(found):
+            mine = max(mine, joint[own[i]])
+        total = part = 0.0
         if mine > -np.inf:
             for c in range(len(joint)):
                 total += exponential(max(joint[c] - top, LEAST))
-            for c in range(len(joint)):
-                own += exponential(max(joint[c] - mine, LEAST)) if group[c] == true[q] else 0.0
-        out[q] = mine - top + math.log(own / total) if mine > -np.inf else mine - top
+            for i in range(found):
+                part += exponential(max(joint[own[i]] - mine, LEAST))
+        out[q] = mine - top + math.log(part / total) if mine > -np.inf else mine - top

@@ -22,7 +22,6 @@ from ...models.grid import ClassGrid
 from ...models.measurement.model import Fitted, TapModel
 from ...models.measurement.registry import fit_model
 from ...models.progress import Progress, no_progress
-from ...models.seeds import Purpose, generator
 from ...models.settings import FitSettings, learned_taps
 from ...models.taps import TapSet
 from ..filter import share
@@ -173,7 +172,7 @@ def learn_power(
         left_out = _usable(model, taps.select(taps.session == session))
         if left_out is not None:
             used.append(session)
-            sequences.append(Sequences.draw(JudgedSession.by(model, left_out), n, _generator(seed, n, session)))
+            sequences.append(Sequences.draw(JudgedSession.by(model, left_out), n, seed, session))
     if not used:
         raise InputError("A learned power needs at least one class with taps in two training sessions.")
     return _best(sequences, tuple(used), n)
@@ -198,7 +197,7 @@ def best_power(model: TapModel, held_out: Sequence[TapSet], n: int, seed: int) -
     _check_length(n)
     sessions, judged = _judged(model, held_out)
     parts = zip(sessions, judged, strict=True)
-    sequences = [Sequences.draw(one, n, _generator(seed, n, session)) for session, one in parts]
+    sequences = [Sequences.draw(one, n, seed, session) for session, one in parts]
     return _best(sequences, sessions, n)._replace(in_turn=False)
 
 
@@ -230,7 +229,7 @@ def learn_saturation(
     sequences: list[list[Sequences]] = []
     for n in contacts:
         parts = zip(sessions, judged, strict=True)
-        sequences.append([Sequences.draw(one, n, _generator(seed, n, session), again=True) for session, one in parts])
+        sequences.append([Sequences.draw(one, n, seed, session, again=True) for session, one in parts])
     refuse_impossible([part for parts in sequences for part in parts])
 
     @cache
@@ -359,10 +358,6 @@ def _best(sequences: list[Sequences], sessions: tuple[int, ...], n: int) -> Lear
 def _check_length(n: int) -> None:
     if n < 1:
         raise InputError(f"taps must be at least 1, got {n}.")
-
-
-def _generator(seed: int, n: int, session: int) -> np.random.Generator:
-    return generator(seed, Purpose.SEQUENCES, n, session & 0xFFFFFFFF)
 
 
 def _signed(value: float) -> str:

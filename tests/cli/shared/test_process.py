@@ -51,7 +51,7 @@ def test_circular_garbage_is_collected_seldom_but_is():
     try:
         process.collect_seldom()
         times = gc.get_stats()[0]["collections"]
-        for _ in range(120_000):
+        for _ in range(500_000):
             one = []
             one.append(one)
         times = gc.get_stats()[0]["collections"] - times
