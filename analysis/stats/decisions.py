@@ -7,6 +7,7 @@ a tap twice, see `inference.trials.resampling`.
 
 from collections.abc import Callable, Mapping
 from functools import partial
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -280,38 +281,26 @@ def _sums(grid: ClassGrid, trials: Trials, plan: TrialPlan) -> dict[str, NDArray
     L, M = np.arange(grid.L), np.arange(grid.M)
     between = grid.what_error(M[:, np.newaxis], M), grid.where_error(L[:, np.newaxis], L)
     sums = np.zeros((len(MEANS), trials.taps.shape[1]))
-    _add(*map(np.ascontiguousarray, trials), plan.what, *between, sums)
+    _add(trials, plan.what, between, sums)
     return dict(zip(MEANS, sums, strict=True))
 
 
 @compiled
 def _add(
-    taps: NDArray[np.int64],
-    what: NDArray[np.int64],
-    where: NDArray[np.int64],
-    true_where: NDArray[np.int64],
-    stopped: NDArray[np.bool_],
-    _: NDArray[np.int64],
-    __: NDArray[np.int64],
-    belief: NDArray[np.float64],
-    used_up: NDArray[np.bool_],
-    no_class_left: NDArray[np.bool_],
-    true: NDArray[np.intp],
-    between_what: NDArray[np.float64],
-    between_where: NDArray[np.float64],
-    sums: NDArray[np.float64],
+    trials: Trials, true: NDArray[np.intp], between: tuple[NDArray[np.float64], NDArray[np.float64]], sums: Any
 ) -> None:
-    """Adds `Trials` up, in the order of `MEANS`, given the errors between classes, (M, M) and (L, L)."""
+    """Adds trials up, in the order of `MEANS`, given the errors between classes, (M, M) and (L, L)."""
+    what, where = trials.what, trials.where
     for i in range(len(true)):
         for h in range(sums.shape[1]):
-            sums[0, h] += between_what[what[i, h], true[i]]
-            sums[1, h] += between_where[where[i, h], true_where[i, h]]
-            sums[2, h] += taps[i, h]
-            sums[3, h] += stopped[i, h]
-            sums[4, h] += max(1.0 - belief[i, h], 0.0)
+            sums[0, h] += between[0][what[i, h], true[i]]
+            sums[1, h] += between[1][where[i, h], trials.true_where[i, h]]
+            sums[2, h] += trials.taps[i, h]
+            sums[3, h] += trials.stopped[i, h]
+            sums[4, h] += max(1.0 - trials.belief[i, h], 0.0)
             sums[5, h] += what[i, h] != true[i]
-            sums[6, h] += used_up[i, h]
-            sums[7, h] += no_class_left[i, h]
+            sums[6, h] += trials.used_up[i, h]
+            sums[7, h] += trials.no_class_left[i, h]
 
 
 def _endings(played: xr.Dataset, name: str) -> NDArray[np.float64]:
