@@ -9,7 +9,7 @@ from ..journal import Journal
 from ..link.loop import Clock, HostClock, Loop
 from ..skin.fingertip import make_skin
 from ..stage.stage import Stage
-from .rig import Rig, still_pressing
+from .rig import AWAY_MM, Rig, still_pressing
 from .settings import RigFile
 
 
@@ -81,4 +81,7 @@ def _place(rig: Rig) -> str:
     """Where a closed rig left the finger, for the last line."""
     if rig.rest_mm is None:
         return "Finger position unknown: switch the power off before touching it."
-    return f"Finger off the object at y = {rig.rest_mm[1]:z.1f} mm."
+    y_mm, clear_mm = rig.rest_mm[1], rig.settings.tap.clear_mm
+    if y_mm > clear_mm + AWAY_MM:
+        return f"Finger at y = {y_mm:z.1f} mm, beyond tap.clear_mm = {clear_mm:g}: it may press on the object."
+    return f"Finger off the object at y = {y_mm:z.1f} mm."

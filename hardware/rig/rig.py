@@ -6,7 +6,7 @@ reported.
 
 from collections import deque
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from typing import Any
 
@@ -36,7 +36,8 @@ from .settings import RigFile
 
 _ROUNDING = 1e-6
 _DEPTH_MARGIN_MM = 0.05
-_AWAY_MM = 0.05
+AWAY_MM = 0.05
+"""Distance from a place at which the finger is not there."""
 _LATE_S = 0.5
 _SEEN_S = 0.3  # the end of a motion shows in two reports, a tenth of a second apart
 
@@ -136,20 +137,17 @@ class Rig:
         self._journal.event(self.loop.now, "stream", "the readings start")
         if home:
             self.home()
-        position = self.stage.position_mm
-        if position is None:
+        if self.stage.position_mm is None:
             port = self.settings.stage.port
             raise PositionUnknown(f"{port}: position unknown; clear the path of the stage and home it (--home).")
-        pressing = position[1] > self.settings.tap.clear_mm + _AWAY_MM
-        if pressing:
+        if pressing := self.may_press:
             self.clear()
         if home or pressing:
             self.skin.stop()  # a board that calibrated under load reads wrong afterwards
             self.skin.listen()
         self.skin.monitor.measure_baseline()
         if not pressing:
-            with self.loop.guarded(self.skin.monitor.check_free):
-                self.clear()
+            self.clear()
         self._cutter = TapCutter(self.preprocessing)
         self._rest_from = self._arrived
         self.go(self._place_mm)
@@ -175,13 +173,21 @@ class Rig:
         with self.loop.guarded(overloaded):
             self.stage.home()
 
+    @property
+    def may_press(self) -> bool:
+        """Whether the finger may be nearer to the object than `tap.clear_mm`."""
+        position = self.stage.position_mm
+        return position is None or position[1] > self.settings.tap.clear_mm + AWAY_MM
+
     def clear(self) -> None:
-        """Lifts the finger off the object.
+        """Moves to `tap.clear_mm`, off the object, or from farther away.
 
         Raises:
-            RigError: A device does not respond.
+            RigError: A device does not respond, or the finger touched something on its way towards the object.
         """
-        with self.loop.guarded(self.skin.monitor.check):
+        monitor = self.skin.monitor
+        free = nullcontext() if self.may_press else self.loop.guarded(monitor.check_free)
+        with self.loop.guarded(monitor.check), free:
             self.stage.move(y_mm=self.settings.tap.clear_mm, speed_mm_s=self.slow_mm_s)
 
     def go(self, x_mm: float) -> None:
@@ -233,16 +239,16 @@ class Rig:
         )
 
     def close(self) -> None:
-        """Lifts the finger off the object and closes both devices.
+        """Lifts the finger off the object, unless there were no readings yet, and closes both devices.
 
         Raises:
             RigError: The finger could not be lifted; both devices are closed nevertheless.
         """
         with signals_deferred():
             try:
-                if self.stage.position_mm is not None:
+                if self.stage.position_mm is not None and self._arrived:
                     self._rest()
-                    self.rest_mm = self.stage.position_mm
+                self.rest_mm = self.stage.position_mm
             finally:
                 self.skin.stop()
                 self.stage.close()
@@ -278,16 +284,16 @@ class Rig:
             raise PositionUnknown(f"{self.settings.name}: the rig is not connected.")
 
     def _lift(self) -> None:
-        """Lifts the finger if a failure left it on the object."""
+        """Moves to `tap.clear_mm` if a failure left the finger elsewhere."""
         position = self.stage.position_mm
-        if position is None or position[1] > self.settings.tap.clear_mm + _AWAY_MM:
+        if position is None or abs(position[1] - self.settings.tap.clear_mm) > AWAY_MM:
             self.clear()
 
     def _stand(self) -> None:
         """Moves to the position of the tap if a failure left the finger elsewhere."""
         self._lift()
         position = self.stage.position_mm
-        if position is None or abs(position[0] - self._place_mm) > _AWAY_MM:
+        if position is None or abs(position[0] - self._place_mm) > AWAY_MM:
             self._pass(self._place_mm)
 
     def _pass(self, x_mm: float) -> None:
@@ -318,9 +324,7 @@ class Rig:
             k, port = int(np.argmax(frame.values)), self.settings.sensor.port
             if not frame.valid[k]:
                 raise SensorFault(f"{port}: taxel {k} is saturated and reported as broken.")
-            raise SensorOverload(
-                f"{port}: taxel {k} saturated and the finger was lifted; reduce tap.depth_mm to press less."
-            )
+            raise SensorOverload(f"{port}: taxel {k} saturated and the finger was lifted; reduce tap.depth_mm.")
         position = self.stage.position_mm
         if position is not None and position[1] > self.settings.tap.depth_mm + _DEPTH_MARGIN_MM:
             raise StageFault(
@@ -367,7 +371,7 @@ class Rig:
             raise
 
     def _rest(self) -> None:
-        """Stops and lifts the finger, regardless of guards.
+        """Stops the finger and lifts it off the object, never towards it, regardless of guards.
 
         Raises:
             RigError: The stage does not respond.
@@ -384,7 +388,8 @@ class Rig:
 
     def _retract(self) -> None:
         self.stage.stop()
-        self.stage.move(y_mm=self.settings.tap.clear_mm)
+        if self.may_press:
+            self.stage.move(y_mm=self.settings.tap.clear_mm)
 
 
 def still_pressing(trouble: BaseException, worse: RigError) -> NotAtRest:

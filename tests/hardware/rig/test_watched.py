@@ -2,8 +2,10 @@
 
 import msgspec
 import pytest
-from solidtouch.hardware.errors import NoAnswer, SensorOverload, StaleSensor
+from solidtouch.hardware.errors import BaselineRefused, NoAnswer, SensorOverload, StaleSensor
 from solidtouch.hardware.rig.open_rig import connected
+
+NOT_HOMED = "Finger position unknown: switch the power off before touching it."
 
 
 def is_move(data):
@@ -14,12 +16,35 @@ def is_move(data):
 def test_nothing_moves_before_readings_arrive(make_bench, home):
     with make_bench(homed=not home) as bench:
         bench.on("silent_sensor")
-        with pytest.raises(NoAnswer, match="no readings"), connected(bench.build(), home):
+        with pytest.raises(NoAnswer, match="no readings") as caught, connected(bench.build(), home):
             pass
-        moves = [data for data in bench.diary.sent(bench.stage_port) if is_move(data)]
 
-        assert not home or not moves
-        assert not any(b"X" in data and b"Y" not in data for data in moves)
+        assert not any(map(is_move, bench.diary.sent(bench.stage_port)))
+        assert caught.value.__notes__ == [NOT_HOMED if home else "Finger off the object at y = -29.0 mm."]
+
+
+def test_a_finger_on_the_object_stays_where_it_is_without_readings(rig_bench):
+    with rig_bench.rig() as rig:
+        rig.close = lambda: (rig.skin.stop(), rig.stage.close())  # as if the program were killed
+        rig.stage.move(y_mm=rig_bench.settings.tap.depth_mm)
+    rig_bench.diary.log.clear()
+    rig_bench.on("silent_sensor")
+    with pytest.raises(NoAnswer, match="no readings") as caught, connected(rig_bench.build()):
+        pass
+
+    assert not any(map(is_move, rig_bench.diary.sent(rig_bench.stage_port)))
+    note = "Finger at y = 2.5 mm, beyond tap.clear_mm = 0: it may press on the object."
+    assert caught.value.__notes__ == [note]
+
+
+def test_a_failure_far_from_the_object_does_not_move_the_finger_towards_it(make_bench):
+    with make_bench() as bench:
+        bench.on("drift", counts_per_s=60.0)
+        with pytest.raises(BaselineRefused) as caught, connected(bench.build()):
+            pass
+
+        assert not any(map(is_move, bench.diary.sent(bench.stage_port)))
+        assert caught.value.__notes__ == ["Finger off the object at y = -29.0 mm."]
 
 
 def test_a_silence_on_the_way_stops_the_finger(rig_bench):
