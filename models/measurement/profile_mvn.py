@@ -223,7 +223,7 @@ def form(parameters: Parameters, frame: Measure) -> GaussianForm:
     level, slope = parameters["level"], parameters["slope"]
     J, K = level.shape[2:]
     factor = np.eye(K) - slope
-    mean = np.linalg.solve(factor[:, :, None], level[..., None])[..., 0]
+    mean = np.linalg.solve(factor, level.mT).mT
     return chain_form(mean[None], parameters["variance"], np.eye(J)[None], factor, frame)
 
 

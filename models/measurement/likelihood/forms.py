@@ -131,7 +131,7 @@ class GaussianForm(NamedTuple):
         white = scale * generator.standard_normal(mean.shape)
         if self.taxel.shape[-1]:
             taxel = np.broadcast_to(self.taxel, (*self.shape, *self.taxel.shape[2:]))[where, what]
-            white = np.linalg.solve(taxel[:, None], white[..., None])[..., 0]
+            white = np.linalg.solve(taxel, white.mT).mT
         time = np.broadcast_to(np.linalg.inv(self.time), (mean.shape[2], *self.time.shape[1:]))
         return mean + np.einsum("kji,nik->njk", time, white, optimize=True)
 
