@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from ..models.errors import InputError
 from .shared.homing import Home, Yes, confirm_homing
 from .shared.interrupt import loading, terminable
 
@@ -68,6 +69,8 @@ def approach(
     Moves at 1 mm/s, in steps of 0.1 mm from tap.clear_mm towards tap.depth_mm.
     """
     with loading():
+        from rich.console import Console
+
         from ..hardware.journal import NoJournal
         from ..hardware.rig.approach import SLOW_MM_S
         from ..hardware.rig.approach import approach as approached
@@ -75,17 +78,25 @@ def approach(
         from ..hardware.rig.settings import load_rig
 
     settings = load_rig(rig_file)
-    confirm_homing(rig_file, home, yes)
     limits = settings.range
-    with terminable(), unconnected(settings, NoJournal()) as rig:
+    x_mm = (limits.start_mm + limits.end_mm) / 2 if at is None else at
+    if not limits.start_mm <= x_mm <= limits.end_mm:
+        raise InputError(f"--at {x_mm:g} is outside the range, {limits.start_mm:g} to {limits.end_mm:g} mm.")
+    confirm_homing(rig_file, home, yes)
+    with (
+        terminable(),
+        unconnected(settings, NoJournal()) as rig,
+        Console(stderr=True).status(f"Approaching at {SLOW_MM_S:g} mm/s ..."),
+    ):
         rig.slow_mm_s = SLOW_MM_S
         with connected(rig, home):
-            found = approached(rig, (limits.start_mm + limits.end_mm) / 2 if at is None else at)
+            found = approached(rig, x_mm)
     if found.contact_mm is not None:
         pressed = found.depth_mm - found.contact_mm
         begins = f"The object begins at y = {found.contact_mm:.1f} mm"
         print(f"{begins}; tap.depth_mm = {found.depth_mm:g} presses it by {pressed:.1f} mm.")
     for sentence in found.wrong:
         print(f"! {sentence}")
+    print(rig.rest)
     if found.wrong:
         raise typer.Exit(1)

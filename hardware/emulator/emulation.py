@@ -4,7 +4,7 @@ Orders are mappings that JSON can hold:
 
 - `{"object": 2}` puts an object in front of the finger, by number or name; `{"object": null}` removes it
 - `{"on": "unplug", "port": "sensor", "times": 1, "seconds": 2.0}` switches a fault on
-- `{"off": "unplug"}` switches it off, `{"off": null}` switches all faults off
+- `{"off": "unplug"}` switches it off, `{"off": null}` switches all faults off; a port that has vanished comes back
 - `{}` changes nothing
 
 Each is answered with the state of the bench.
@@ -88,8 +88,10 @@ class Emulation:
                 self._switch_on(name, parameters)
             case {"off": str(name), **rest} if not rest:
                 self.switches.off(name)
+                self._plug()
             case {"off": None, **rest} if not rest:
                 self.switches.clear()
+                self._plug()
             case rest if rest:
                 raise InputError(f"Unknown order {dict(order)}; choose object, on or off.")
         self.bench.settle()
@@ -109,6 +111,12 @@ class Emulation:
             "open": {link.name: link.is_open for link in links},
             "overrun": {link.name: link.terminal.overrun for link in links},
         }
+
+    def _plug(self) -> None:
+        """Puts plugs back in whose faults are off: time, which would do it, goes on only while a program waits."""
+        if not {"unplug", "renumber"} & set(self.switches):
+            for link in self.bench.links:
+                link.come_back()
 
     def _object(self, what: Any) -> int:
         if what in self.objects:

@@ -104,8 +104,7 @@ class Link:
     def step(self, time_s: float) -> None:
         """Handles all events of the device and the line that are due."""
         if time_s >= self._back_s:
-            self.terminal.plug()
-            self._back_s = inf
+            self.come_back()
         if time_s >= self._free_s:
             self.terminal.release()
             self.device.closed(time_s)
@@ -139,6 +138,11 @@ class Link:
         if written and (theft := self._strikes("second_reader", time_s)) is not None:
             written -= self.terminal.steal(int(theft.get("count", (written + 1) // 2)))
         return written
+
+    def come_back(self) -> None:
+        """Puts a port back that has vanished."""
+        self.terminal.plug()
+        self._back_s = inf
 
     def close(self) -> None:
         """Removes the port."""

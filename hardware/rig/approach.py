@@ -1,5 +1,6 @@
 """First approach to an object: slow, in small steps, until the finger touches it."""
 
+import math
 from dataclasses import dataclass, field
 
 from .rig import Rig
@@ -9,6 +10,7 @@ STEP_MM = 0.1
 _READINGS = 5  # at each step; three show a touch
 _NEAR_MM = 0.3
 _RELEASE_S = 1.0
+_ROUNDING = 1e-6
 
 
 @dataclass
@@ -45,7 +47,7 @@ def approach(rig: Rig, x_mm: float) -> Approach:
     found = Approach(tap.clear_mm, tap.depth_mm)
     rig.go(x_mm)
     pause_s = _READINGS / rig.settings.sensor.rate_hz
-    steps = round((tap.depth_mm - tap.clear_mm) / STEP_MM)
+    steps = math.ceil((tap.depth_mm - tap.clear_mm) / STEP_MM - _ROUNDING)
     with rig.resting_on_trouble(), rig.loop.guarded(monitor.check), rig.loop.guarded(rig.stage.check):
         for i in range(1, steps + 1):
             y_mm = min(tap.clear_mm + i * STEP_MM, tap.depth_mm)

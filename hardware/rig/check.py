@@ -9,6 +9,7 @@ from scipy.special import stdtrit
 
 from ..errors import RigError
 from ..skin.skin import SkinFrame, taxel_names
+from .rest import resting_place
 from .rig import Rig
 from .settings import StageSettings
 
@@ -115,6 +116,9 @@ def check_rig(rig: Rig, seconds: float = 10.0, home: bool = False) -> RigReport:
     try:
         _look_at_stage(rig, report, home)
         _look_at_sensor(rig, report, seconds)
+    except BaseException as trouble:
+        trouble.add_note(resting_place(rig.stage.position_mm, rig.may_press, rig.skin.monitor.touches))
+        raise
     finally:
         rig.skin.stop()
         rig.stage.close()
@@ -156,7 +160,7 @@ def _placed(place_mm: tuple[float, float], settings: StageSettings) -> str:
     axes = (settings.x, settings.y)
     inside = all(axis.low_mm <= mm <= axis.high_mm for mm, axis in zip(place_mm, axes, strict=True))
     beyond = "" if inside else ", outside the limits, as after homing; the first move brings it back"
-    return f"x = {place_mm[0]:.3f}, y = {place_mm[1]:.3f} mm{beyond}"
+    return f"x = {place_mm[0]:z.3f}, y = {place_mm[1]:z.3f} mm{beyond}"
 
 
 def _look_at_sensor(rig: Rig, report: RigReport, seconds: float) -> None:

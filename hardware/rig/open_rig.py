@@ -9,7 +9,8 @@ from ..journal import Journal
 from ..link.loop import Clock, HostClock, Loop
 from ..skin.fingertip import make_skin
 from ..stage.stage import Stage
-from .rig import AWAY_MM, Rig, still_pressing
+from .rest import still_pressing
+from .rig import Rig
 from .settings import RigFile
 
 
@@ -70,18 +71,8 @@ def connected(rig: Rig, home: bool = False) -> Iterator[Rig]:
             rig.close()
         except RigError as worse:
             told = trouble if isinstance(trouble, NotAtRest) else still_pressing(trouble, worse)
-            told.add_note(_place(rig))
+            told.add_note(rig.rest)
             raise told from (None if told is trouble else trouble)
-        trouble.add_note(_place(rig))
+        trouble.add_note(rig.rest)
         raise
     rig.close()
-
-
-def _place(rig: Rig) -> str:
-    """Where a closed rig left the finger, for the last line."""
-    if rig.rest_mm is None:
-        return "Finger position unknown: switch the power off before touching it."
-    y_mm, clear_mm = rig.rest_mm[1], rig.settings.tap.clear_mm
-    if y_mm > clear_mm + AWAY_MM:
-        return f"Finger at y = {y_mm:z.1f} mm, beyond tap.clear_mm = {clear_mm:g}: it may press on the object."
-    return f"Finger off the object at y = {y_mm:z.1f} mm."

@@ -6,7 +6,7 @@ reported.
 
 from collections import deque
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from ...models.preprocessing import Preprocessing, TapCutter
 from ..emulator.shared_clock import Connection
 from ..errors import (
-    NotAtRest,
     OutOfLimits,
     PortLost,
     PositionUnknown,
@@ -32,13 +31,14 @@ from ..skin.monitor import Skin, implausible
 from ..skin.skin import SkinFrame
 from ..stage.stage import Stage
 from .deferred_signals import signals_deferred
+from .rest import resting_place, still_pressing
 from .settings import RigFile
 
 _ROUNDING = 1e-6
 _DEPTH_MARGIN_MM = 0.05
-AWAY_MM = 0.05
-"""Distance from a place at which the finger is not there."""
+_AWAY_MM = 0.05
 _LATE_S = 0.5
+_RELEASE_S = 1.0
 _SEEN_S = 0.3  # the end of a motion shows in two reports, a tenth of a second apart
 
 
@@ -71,7 +71,7 @@ class Rig:
     Attributes:
         label: Label of the next taps in the journal, as JSON values.
         tally: Numbers of taps so far.
-        rest_mm: Where `close` left the finger, x and y; `None` before, or if that is not known.
+        rest: Where `close` left the finger, as a sentence.
         slow_mm_s: Speed of all moves but taps; `None` for that of the axes.
         emulator: Clock of emulated devices, which takes orders such as putting objects under the finger; else None.
     """
@@ -83,7 +83,7 @@ class Rig:
         self.skin = skin
         self.label: Mapping[str, Any] = {}
         self.tally = TapTally()
-        self.rest_mm: tuple[float, float] | None = None
+        self.rest = resting_place()
         self.slow_mm_s: float | None = None
         self.emulator: Connection | None = None
         self._journal = journal
@@ -177,7 +177,7 @@ class Rig:
     def may_press(self) -> bool:
         """Whether the finger may be nearer to the object than `tap.clear_mm`."""
         position = self.stage.position_mm
-        return position is None or position[1] > self.settings.tap.clear_mm + AWAY_MM
+        return position is None or position[1] > self.settings.tap.clear_mm + _AWAY_MM
 
     def clear(self) -> None:
         """Moves to `tap.clear_mm`, off the object, or from farther away.
@@ -246,9 +246,12 @@ class Rig:
         """
         with signals_deferred():
             try:
-                if self.stage.position_mm is not None and self._arrived:
-                    self._rest()
-                self.rest_mm = self.stage.position_mm
+                if self.stage.position_mm is not None:
+                    if self._arrived:
+                        self._rest()
+                    with suppress(RigError):
+                        self.loop.wait_for(lambda: not self.skin.monitor.touches, _RELEASE_S, "The finger touches.")
+                    self.rest = resting_place(self.stage.position_mm, self.may_press, self.skin.monitor.touches)
             finally:
                 self.skin.stop()
                 self.stage.close()
@@ -286,14 +289,14 @@ class Rig:
     def _lift(self) -> None:
         """Moves to `tap.clear_mm` if a failure left the finger elsewhere."""
         position = self.stage.position_mm
-        if position is None or abs(position[1] - self.settings.tap.clear_mm) > AWAY_MM:
+        if position is None or abs(position[1] - self.settings.tap.clear_mm) > _AWAY_MM:
             self.clear()
 
     def _stand(self) -> None:
         """Moves to the position of the tap if a failure left the finger elsewhere."""
         self._lift()
         position = self.stage.position_mm
-        if position is None or abs(position[0] - self._place_mm) > AWAY_MM:
+        if position is None or abs(position[0] - self._place_mm) > _AWAY_MM:
             self._pass(self._place_mm)
 
     def _pass(self, x_mm: float) -> None:
@@ -390,10 +393,3 @@ class Rig:
         self.stage.stop()
         if self.may_press:
             self.stage.move(y_mm=self.settings.tap.clear_mm)
-
-
-def still_pressing(trouble: BaseException, worse: RigError) -> NotAtRest:
-    """Error for a finger that could not be lifted after a failure."""
-    first = str(trouble).rstrip(".") if isinstance(trouble, Exception) else "Interrupted"
-    again = "" if str(worse) == str(trouble) else f" {worse}"
-    return NotAtRest(f"{first or type(trouble).__name__}. The finger may still be pressing; lift it by hand.{again}")

@@ -30,6 +30,7 @@ Readings = Annotated[int, Meta(ge=1, le=100_000)]
 """A number of readings of the sensor."""
 _ROUNDING = 1e-6
 _LEAST_STALE = 2  # periods
+_PRESS_MARGIN_S = 0.3  # the finger may come to rest this much later, see `Rig`
 
 
 class _RigTable(Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -297,6 +298,8 @@ def _check(rig: RigFile) -> None:
     for name, axis in (("x", rig.stage.x), ("y", rig.stage.y)):
         if not axis.low_mm < axis.high_mm:
             raise InputError(f"stage.{name}: low_mm={axis.low_mm:g} must be below high_mm={axis.high_mm:g}.")
+    if rig.stage.port == rig.sensor.port:
+        raise InputError(f"stage.port: must differ from sensor.port, both are {rig.stage.port}.")
     if rig.stage.x.letter == rig.stage.y.letter:
         raise InputError(f"stage.y.letter: both axes are called {rig.stage.x.letter}.")
     _inside("range.start_mm", rig.range.start_mm, "x", rig.stage.x)
@@ -313,6 +316,13 @@ def _check(rig: RigFile) -> None:
     if rig.tap.samples / rig.sensor.rate_hz > rig.tap.period_s + _ROUNDING:
         seconds = rig.tap.samples / rig.sensor.rate_hz
         raise InputError(f"tap.period_s: {rig.tap.samples} samples take {seconds:g} s, longer than the period.")
+    pressed_s = 2 * (rig.tap.depth_mm - rig.tap.clear_mm) / (rig.tap.speed_mm_s or rig.stage.y.speed_mm_s)
+    read_s = (rig.tap.samples - rig.tap.lead_samples) / rig.sensor.rate_hz
+    if pressed_s > read_s + _PRESS_MARGIN_S:
+        raise InputError(
+            f"tap.samples: press and release take at least {pressed_s:.2f} s, longer than the {read_s:g} s of samples "
+            f"after the press; take more samples, or raise the speed of the tap."
+        )
     _check_sensor(rig.sensor)
     try:
         _ = rig.preprocessing
@@ -324,6 +334,7 @@ def _check_sensor(sensor: IcubSettings | LineSettings) -> None:
     if sensor.stale_ms is not None and sensor.stale_ms < _LEAST_STALE * 1000 / sensor.rate_hz:
         least = _LEAST_STALE * 1000 / sensor.rate_hz
         raise InputError(f"sensor.stale_ms: must be at least {least:g}, two periods, got {sensor.stale_ms:g}.")
+    _check_overload(sensor)
     sent = 12 if isinstance(sensor, IcubSettings) else sensor.taxels
     order = sorted(sensor.order)
     if isinstance(sensor, IcubSettings) and not order:
@@ -334,6 +345,24 @@ def _check_sensor(sensor: IcubSettings | LineSettings) -> None:
     sizes = {len(position) for position in sensor.positions_mm}
     if sensor.positions_mm and (len(sensor.positions_mm) != K or sizes not in ({2}, {3})):
         raise InputError(f"sensor.positions_mm: must give two or three numbers for each of the {K} taxels.")
+
+
+def _check_overload(sensor: IcubSettings | LineSettings) -> None:
+    """Checks that no reading at rest is an overload."""
+    if isinstance(sensor, IcubSettings):
+        falls, low, high = True, sensor.no_load - sensor.no_load_band, math.inf
+    else:
+        falls, low, high = not sensor.rising, sensor.idle_low, sensor.idle_high
+    if sensor.overload is None:
+        return
+    if falls and low > -math.inf and sensor.overload >= low:
+        raise InputError(
+            f"sensor.overload: must be below {low:g}, the lowest reading at rest, got {sensor.overload:g}."
+        )
+    if not falls and high < math.inf and sensor.overload <= high:
+        raise InputError(
+            f"sensor.overload: must be above {high:g}, the highest reading at rest, got {sensor.overload:g}."
+        )
 
 
 def _inside(key: str, value_mm: float, name: str, axis: AxisSettings) -> None:

@@ -179,8 +179,8 @@ class SkinMonitor:
 
     @property
     def touches(self) -> bool:
-        """Whether the last three readings are of a finger that touches something."""
-        return self._pressed >= _TOUCHED_READINGS
+        """Whether the last three readings, none of them stale, are of a finger that touches something."""
+        return self._pressed >= _TOUCHED_READINGS and self._loop.now - self._last_s <= self.stale_s
 
     def check_free(self, now_s: float) -> None:  # noqa: ARG002 - the signature of a guard
         """Guard for moves beside the object.
@@ -189,7 +189,7 @@ class SkinMonitor:
             SensorOverload: The last three readings are of a finger that touches something.
         """
         if self.touches:
-            raise SensorOverload(f"{self._limits.name}: the finger touched something on its way and was lifted.")
+            raise SensorOverload(f"{self._limits.name}: the finger touched something on its way and was stopped.")
 
     def _presses(self, frame: SkinFrame) -> bool:
         """Whether a taxel reads far above its baseline, or is saturated where none is known."""

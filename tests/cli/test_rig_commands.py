@@ -125,7 +125,12 @@ def test_from_a_new_bench_to_a_decision(tmp_path, monkeypatch, command):
         bench.emulation.control({"object": 1})
         touched = command("rig", "approach", "rig.toml")
         assert (touched.code, touched.out.startswith("The object begins at y = ")) == (0, True)
+        assert touched.out.splitlines()[-1] == "Finger off the object at y = 0.0 mm."
         assert is_off(bench)
+        moved = len(bench.places)
+        refused = command("rig", "approach", "rig.toml", "--at", 99)
+        assert (refused.code, "--at 99 is outside the range, " in refused.err) == (2, True)
+        assert len(bench.places) == moved
         bench.emulation.control({"object": None})
         untouched = command("rig", "approach", "rig.toml", "--at", bench.rig.range.start_mm)
         assert (untouched.code, "! nothing was touched" in untouched.out) == (1, True)
@@ -330,3 +335,17 @@ def test_without_emulator_only_a_named_object_is_known(tmp_path, monkeypatch, mo
     assert "q.mcap: 1 taps" in named.out
     refused = command("convert", "p.mcap", "p.nc")
     assert (refused.code, "no accepted, labelled tap" in refused.err) == (2, True)
+
+
+def test_ctrl_c_during_a_check_says_where_the_finger_is(bench, command):
+    read = bench.emulation.finger.read
+
+    def interrupted(time_s):
+        bench.emulation.finger.read = read
+        os.kill(os.getpid(), signal.SIGINT)
+        return read(time_s)
+
+    bench.emulation.finger.read = interrupted
+    done = command("rig", "check", "rig.toml", "--seconds", 1)
+
+    assert (done.code, done.err.splitlines()[-1]) == (130, "Finger off the object at y = -29.0 mm.")

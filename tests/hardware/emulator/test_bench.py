@@ -157,6 +157,22 @@ def test_an_unplugged_port_is_lost_and_comes_back(small_bench):
     assert small_bench.ticker.seen == ["opened", "closed", "opened"]
 
 
+def test_a_port_comes_back_when_its_fault_is_switched_off(small_bench):
+    """Time, which brings it back otherwise, goes on only while a program waits."""
+    sensor, control = small_bench.sensor, small_bench.clock.control
+    sensor.open()
+    control({"on": "unplug", "port": "sensor"})
+    with pytest.raises(PortLost):
+        small_bench.heard(sensor, 1.0)
+    control({"off": "late"})
+    with pytest.raises(PortError):
+        sensor.open()
+    control({"off": "unplug"})
+    sensor.open()
+
+    assert small_bench.heard(sensor, 0.1)
+
+
 def test_a_write_to_an_unplugged_port_loses_it(small_bench):
     small_bench.stage.open()
     small_bench.stage.write(b"a")

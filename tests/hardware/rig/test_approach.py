@@ -30,12 +30,14 @@ def test_it_finds_the_object_and_lifts_the_finger(rig_bench):
 
 
 def test_without_an_object_it_ends_at_the_depth_of_a_tap(rig_bench):
-    with rig_bench.rig() as rig:
+    tap = msgspec.structs.replace(rig_bench.settings.tap, depth_mm=2.43)
+    with rig_bench.rig(settings=msgspec.structs.replace(rig_bench.settings, tap=tap)) as rig:
         rig_bench.emulation.control({"object": None})
         found = approach(rig, middle(rig_bench))
 
     assert found.contact_mm is None
-    assert "nothing was touched between y = 0 and 2.5 mm" in found.wrong[0]
+    assert "nothing was touched between y = 0 and 2.43 mm" in found.wrong[0]
+    assert abs(np.array(rig_bench.places)[:, 1].max() - 2.43) < 0.01
     assert rig_bench.is_clear
 
 

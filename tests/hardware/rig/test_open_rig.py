@@ -10,13 +10,14 @@ from solidtouch.hardware.journal import NoJournal
 from solidtouch.hardware.link.loop import HostClock
 from solidtouch.hardware.rig import open_rig as opening
 from solidtouch.hardware.rig.open_rig import connected, open_rig, unconnected
+from solidtouch.hardware.rig.rest import resting_place
 
 
 class Refusing:
     """A rig whose parts fail as told, and that counts how often it was closed."""
 
     def __init__(self, connecting=None, closing=None):
-        self.connecting, self.closing, self.closed, self.rest_mm = connecting, closing, 0, None
+        self.connecting, self.closing, self.closed, self.rest = connecting, closing, 0, resting_place()
 
     def connect(self, _):
         if self.connecting is not None:
@@ -95,6 +96,7 @@ def test_a_rig_that_cannot_be_opened_leaves_nothing_open(rig_bench, missing, fau
     ("fault", "how", "note"),
     [
         ("silent_sensor", {}, "Finger off the object at y = 0.0 mm."),
+        ("overload", {"mask": 5}, "Finger at y = 0.0 mm, where it touches something by its readings."),
         ("unplug", {"port": "stage"}, "Finger position unknown: switch the power off before touching it."),
     ],
 )

@@ -21,7 +21,7 @@ from solidtouch.hardware.named_rigs import LabelledRig
 from solidtouch.hardware.recording.recording import Recorder
 from solidtouch.hardware.recording.settings import about_rig
 from solidtouch.hardware.rig.open_rig import connected
-from solidtouch.hardware.rig.rig import still_pressing
+from solidtouch.hardware.rig.rest import still_pressing
 from solidtouch.hardware.simulator.settings import PRESETS
 from solidtouch.models.io.rig import taps_from_recording
 

@@ -19,6 +19,7 @@ port = "/dev/stage"
 x = { letter = "X", origin_mm = -60.0, low_mm = -1.0, high_mm = 7.0, speed_mm_s = 20.0 }
 y = { letter = "Y", origin_mm = -40.0, low_mm = -2.0, high_mm = 3.0, speed_mm_s = 10.0, direction = -1 }
 """
+SENSOR = 'sensor = { kind = "icub", port = "/dev/finger" }'
 LINES = 'sensor = { kind = "lines", port = "p", taxels = 5, rate_hz = 100.0 }'
 
 
@@ -102,6 +103,13 @@ WRONG = {
     "turned range": (edited("start_mm = 0.0, end_mm = 6.0", "start_mm = 6.0, end_mm = 0.0"), r"range: must"),
     "lead": (edited("lead_samples = 7", "lead_samples = 30"), r"tap.lead_samples: must be below samples"),
     "period": (edited("samples = 30", "samples = 80"), r"tap.period_s: 80 samples take 1.6 s"),
+    "one port": (edited("/dev/stage", "/dev/finger"), r"stage.port: must differ from sensor.port"),
+    "slow tap": (edited("depth_mm = 2.0", "depth_mm = 2.0, speed_mm_s = 2.0"), r"tap.samples: .* at least 2.00 s"),
+    "overload at rest": (edited('"/dev/finger"', '"p", overload = 225'), r"sensor.overload: must be below 225"),
+    "overload of lines at rest": (
+        edited(SENSOR, LINES.replace(" }", ", idle_high = 550.0, overload = 500.0 }")),
+        r"sensor.overload: must be above 550, the highest reading at rest, got 500",
+    ),
     "order twice": (
         edited('"/dev/finger"', '"p", order = [1, 1]'),
         r"sensor.order: must list distinct taxels out of 0 to 11",

@@ -33,7 +33,7 @@ def test_a_finger_on_the_object_stays_where_it_is_without_readings(rig_bench):
         pass
 
     assert not any(map(is_move, rig_bench.diary.sent(rig_bench.stage_port)))
-    note = "Finger at y = 2.5 mm, beyond tap.clear_mm = 0: it may press on the object."
+    note = "Finger at y = 2.5 mm, beyond tap.clear_mm: it may press on the object."
     assert caught.value.__notes__ == [note]
 
 
