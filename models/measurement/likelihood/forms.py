@@ -75,6 +75,8 @@ class GaussianForm(NamedTuple):
 
     def whitened_mean(self) -> NDArray[np.float64]:
         """The means times V, shape (Q, L, H, J, K)."""
+        if _is_one(self.time):
+            return self.mean
         if len(self.time) == 1:
             return np.einsum("ji,...ik->...jk", self.time[0], self.mean)
         return np.einsum("kji,...ik->...jk", self.time, self.mean)
@@ -109,9 +111,10 @@ class GaussianForm(NamedTuple):
         self, taps: NDArray[np.floating], where: NDArray[np.intp], what: NDArray[np.intp], q: int = 0
     ) -> NDArray[np.float64]:
         """Prediction errors of the samples of taps (N, J, K) under hypotheses (N,), shape (N, J, K)."""
-        residual = taps - self.mean[q, where, what]
-        time = np.broadcast_to(self.time, (residual.shape[2], *self.time.shape[1:]))
-        white = np.einsum("kji,nik->njk", time, residual, optimize=True)
+        white = taps - self.mean[q, where, what]
+        if not _is_one(self.time):
+            time = np.broadcast_to(self.time, (white.shape[2], *self.time.shape[1:]))
+            white = np.einsum("kji,nik->njk", time, white, optimize=True)
         if not self.taxel.shape[-1]:
             return white
         taxel = np.broadcast_to(self.taxel, (*self.shape, *self.taxel.shape[2:]))[where, what]
@@ -132,6 +135,8 @@ class GaussianForm(NamedTuple):
         if self.taxel.shape[-1]:
             taxel = np.broadcast_to(self.taxel, (*self.shape, *self.taxel.shape[2:]))[where, what]
             white = np.linalg.solve(taxel, white.mT).mT
+        if _is_one(self.time):
+            return mean + white
         time = np.broadcast_to(np.linalg.inv(self.time), (mean.shape[2], *self.time.shape[1:]))
         return mean + np.einsum("kji,nik->njk", time, white, optimize=True)
 
@@ -231,7 +236,12 @@ def bin_gaps(taps: NDArray[np.floating], edges: NDArray[np.float64], may_miss: b
 
 
 def _independent(time: NDArray[np.float64], taxel: NDArray[np.float64]) -> bool:
-    return not taxel.shape[-1] and bool((time == np.eye(time.shape[-1])).all())
+    return not taxel.shape[-1] and _is_one(time)
+
+
+def _is_one(time: NDArray[np.float64]) -> bool:
+    """Whether V does nothing, so that it need not be multiplied by."""
+    return bool((time == np.eye(time.shape[-1])).all())
 
 
 def _open_edges(edges: NDArray[np.float64], K: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
