@@ -73,6 +73,7 @@ def connected(rig: Rig, home: bool = False) -> Iterator[Rig]:
             told = trouble if isinstance(trouble, NotAtRest) else still_pressing(trouble, worse)
             told.add_note(rig.rest)
             raise told from (None if told is trouble else trouble)
-        trouble.add_note(rig.rest)
+        again = ", after another attempt." if isinstance(trouble, NotAtRest) else "."
+        trouble.add_note(rig.rest.removesuffix(".") + again)
         raise
     rig.close()

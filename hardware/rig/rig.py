@@ -247,8 +247,7 @@ class Rig:
         with signals_deferred():
             try:
                 if self.stage.position_mm is not None:
-                    if self._arrived:
-                        self._rest()
+                    self._rest() if self._arrived else self.stage.stop()
                     with suppress(RigError):
                         self.loop.wait_for(lambda: not self.skin.monitor.touches, _RELEASE_S, "The finger touches.")
                     self.rest = resting_place(self.stage.position_mm, self.may_press, self.skin.monitor.touches)

@@ -207,26 +207,26 @@ class Stage:
         """Cancels all jogs and returns when the stage is at rest.
 
         A cancel that arrives before a line in transit becomes a jog is ignored, so it is repeated until the controller
-        is Idle twice in succession.
+        is Idle; a report may be damaged, so two in succession must be of one place.
 
         Raises:
             RigError: The controller failed or did not stop.
         """
-        setup = self._connected()
-        self._rest = None
+        setup, self._rest, last = self._connected(), None, None
         braking_s = max(axis.limits.rate_mm_s / axis.limits.acceleration_mm_s2 for axis in (setup.x, setup.y))
         until = self._loop.now + braking_s + _MARGIN_S
         self._link.write(grbl.JOG_CANCEL)
-        idle = 0
-        while idle < 2:
+        while True:
             status = self._link.poll()
-            idle = idle + 1 if status.state is State.IDLE else 0
-            if not idle and self._loop.now >= until:
-                raise StageFault(
-                    f"{self.port.address}: the stage did not stop (state {status.state}); it is {self._place()}."
-                )
-            if not idle:
+            place = self._said.machine if status.state is State.IDLE else None
+            if place is not None and place == last:
+                return
+            if self._loop.now >= until:
+                why = f"the stage did not stop (state {status.state}); it is {self._place()}."
+                raise StageFault(f"{self.port.address}: {why}")
+            if place is None:
                 self._link.write(grbl.JOG_CANCEL + (grbl.HOLD if status.state is State.RUN else b""))
+            last = place
 
     def check(self, now_s: float) -> None:  # noqa: ARG002 - the signature of a guard
         """Guard for the loop; between motions it also asks for reports.

@@ -109,7 +109,7 @@ def test_fault_15_refused_move(rig_bench, number, code):
         assert rig_bench.is_clear
         assert rig.stage.counts.refused == 1
         jogs = [line for line in lines(rig_bench) if line.startswith(b"$J=")]
-        assert len(jogs) == number + 1  # the last takes the finger off
+        assert len(jogs) in (number, number + 1)  # one more if the finger had left
         assert rig_bench.diary.all("tap") == []
         assert_true(rig_bench, rig.tap())
 
@@ -192,8 +192,8 @@ def test_fault_21_write_timeout(rig_bench, number, arrives):
         rig.stage.port.write = blocked
         with pytest.raises(WriteTimeout, match="took no bytes for 1 s"):
             rig.tap()
-        assert len(jogs) == number + 1
-        assert jogs.count(jogs[number - 1]) == 1 + (number == 2 and jogs[-1] == jogs[number - 1])
+        assert len(jogs) in (number, number + 1)  # one more if the finger had left
+        assert jogs[number - 1] not in jogs[number:]
         assert rig_bench.is_clear
         assert_true(rig_bench, rig.tap())
 

@@ -282,6 +282,14 @@ def test_stopping_says_cancel_until_the_controller_is_idle_twice(ready):
     assert stage.position_mm == (1.0, 0.0)
 
 
+def test_a_stage_is_at_rest_where_two_reports_agree(ready):
+    """One of them alone may be damaged."""
+    stage = ready((b"\x85", b""), status(-62.0), *[status(2.0)] * 2)
+    stage.stop()
+
+    assert stage.position_mm == (2.0, 0.0)
+
+
 def test_a_stage_that_does_not_stop_is_told(ready):
     stage = ready((b"\x85", b""), *[status(state="Run"), (b"\x85!", b"")] * 200)
     with pytest.raises(StageFault, match=r"did not stop \(state Run\); it is at x = 0.000, y = 0.000 mm"):
