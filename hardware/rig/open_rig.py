@@ -9,7 +9,7 @@ from ..journal import Journal
 from ..link.loop import Clock, HostClock, Loop
 from ..skin.fingertip import make_skin
 from ..stage.stage import Stage
-from .rest import still_pressing
+from .rest import resting_place, still_pressing
 from .rig import Rig
 from .settings import RigFile
 
@@ -73,7 +73,7 @@ def connected(rig: Rig, home: bool = False) -> Iterator[Rig]:
             told = trouble if isinstance(trouble, NotAtRest) else still_pressing(trouble, worse)
             told.add_note(rig.rest)
             raise told from (None if told is trouble else trouble)
-        again = ", after another attempt." if isinstance(trouble, NotAtRest) else "."
-        trouble.add_note(rig.rest.removesuffix(".") + again)
+        again = isinstance(trouble, NotAtRest) and rig.rest != resting_place()
+        trouble.add_note(f"{rig.rest.removesuffix('.')}, after another attempt." if again else rig.rest)
         raise
     rig.close()
