@@ -17,6 +17,7 @@ from ..journal import Journal
 from .port import Port
 
 _POLL_S = 0.001
+_GUARDED_S = 0.05  # longest time without a look at the guards, as a silent device sends nothing
 
 
 class Clock(Protocol):
@@ -104,14 +105,14 @@ class Loop:
             self._guards = guards
 
     def turn(self, until: float) -> None:
-        """Waits for bytes at most until a time, dispatches them, and runs the guards.
+        """Waits for bytes at most until a time, dispatches them, and runs the guards; if there are any, waits less.
 
         A lost port is reported once and then no longer read, so that the other devices can still be brought to rest.
 
         Raises:
             RigError: A port was lost, a device failed, or a guard objects.
         """
-        self.clock.wait(list(self._receivers), until)
+        self.clock.wait(list(self._receivers), min(until, self.now + _GUARDED_S) if self._guards else until)
         for port, receive in list(self._receivers.items()):
             if port not in self._receivers:  # detached by an earlier receiver
                 continue

@@ -1,5 +1,7 @@
 """One loop hands out bytes, runs guards, and gives up in time."""
 
+from itertools import pairwise
+
 import pytest
 from solidtouch.hardware.errors import NoAnswer, PortLost, StageFault
 from solidtouch.hardware.link.loop import Loop
@@ -162,12 +164,20 @@ def test_a_guard_runs_after_every_turn_inside_the_block_only(clock, loop, source
 
 def test_guards_see_what_the_turn_brought(clock, loop, sources):
     (a, _), got = sources
-    clock.script = [(0.25, a, b"x")]
+    clock.script = [(0.04, a, b"x")]
     seen = []
     with loop.guarded(lambda _: seen.append(len(got))):
         loop.turn(1.0)
 
     assert seen == [1]
+
+
+def test_guards_look_while_nothing_arrives(loop):
+    seen = []
+    with loop.guarded(seen.append):
+        loop.sleep(1.0)
+
+    assert max(b - a for a, b in pairwise(seen)) <= 0.051
 
 
 def test_without_guards_a_rig_can_be_brought_to_rest(loop):

@@ -82,3 +82,13 @@ def test_an_overload_while_homing_resets_the_controller(make_bench):
             pass
 
         assert b"\x18" in bench.diary.sent(bench.stage_port)
+
+
+def test_a_silence_while_homing_resets_the_controller(make_bench):
+    """The controller is silent, too, so that nothing arrives."""
+    with make_bench(homed=False) as bench:
+        bench.diary.when("command", lambda: bench.on("silent_sensor"), lambda sent: sent[1].startswith(b"$H"))
+        with pytest.raises(StaleSensor, match=r"no reading for \d{3} ms"), connected(bench.build(), home=True):
+            pass
+
+        assert b"\x18" in bench.diary.sent(bench.stage_port)
