@@ -73,6 +73,18 @@ def write_block(document: Path | None, name: str, text: str) -> None:
         temporary.write_text(page, encoding="utf-8")
 
 
+def block_of(document: Path | None, name: str) -> str:
+    """What a block of a page says; empty without a page."""
+    found = None if document is None else _place(name).search(document.read_text(encoding="utf-8"))
+    return "" if found is None else found[0].partition("\n")[2].rpartition("\n")[0]
+
+
+def table_rows(text: str) -> dict[str, list[str]]:
+    """Rows of a Markdown table by their first cell, without its head."""
+    lines = [[cell.strip() for cell in line.strip("|").split(" | ")] for line in text.splitlines() if line[:1] == "|"]
+    return {line[0]: line for line in lines[2:]}
+
+
 def publish(figure: Any, document: Path, name: str) -> None:
     """Writes a figure beside what was measured, and as `images/NAME.svg` beside the page."""
     OUT.mkdir(parents=True, exist_ok=True)

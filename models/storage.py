@@ -77,7 +77,7 @@ def complete_file(path: str | Path, force: bool = False, room: int = 0) -> Itera
     try:
         yield temporary
         temporary.chmod(0o666 & ~_umask())
-        temporary.replace(path)
+        _move(temporary, path, force)
     except OSError as error:
         raise InputError(f"{path}: cannot write: {reason(error)}.") from error
     finally:
@@ -270,13 +270,27 @@ def complete_folder(path: str | Path, force: bool = False) -> Iterator[Path]:
         raise InputError(f"{path}: cannot write: {error.strerror}.") from error
     try:
         yield temporary
-        path.mkdir(exist_ok=True)
-        for file in sorted(temporary.iterdir()):
-            file.replace(path / file.name)
+        if not check_folder(path, force).exists():
+            temporary.chmod(0o777 & ~_umask())
+            temporary.rename(path)  # all files at once, and refused if another program has put files there
+        else:
+            for file in sorted(temporary.iterdir()):
+                file.replace(path / file.name)
     except OSError as error:
         raise InputError(f"{path}: cannot write: {reason(error)}.") from error
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _move(temporary: Path, path: Path, force: bool) -> None:
+    """Moves a file; without `force` only if no other program has made one there since it was checked."""
+    try:
+        if not force:
+            os.link(temporary, path)
+            return
+    except OSError:  # there is one, or the file system has no links
+        check_writable(path)
+    temporary.replace(path)
 
 
 def _umask() -> int:

@@ -6,32 +6,25 @@ soon. `benchmarks.checks.kills` does the same to data collections.
 """
 
 import argparse
-import os
 import random
-import shutil
 import signal
 import subprocess
 import sys
 import tempfile
-import time
-from collections import Counter
-from collections.abc import Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from copy import deepcopy
+from functools import partial
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from rich.console import Console
 from rich.progress import track
 
-from benchmarks.page import check_block, table, write_block
+from benchmarks.page import block_of, check_block, table, table_rows, write_block
+
+from .disturbed import SIGNALS, Outcome, Trial, Tried
 
 BLOCK = "interruptions"
-SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)
-_CODES = {signal.SIGINT: {130, -2}, signal.SIGTERM: {143, -15}, signal.SIGKILL: {-9}}
-_END_S = 30.0
-_SOON_S = 10.0
 _STUDY = """
 name = "small"
 trials = 200
@@ -45,32 +38,6 @@ pseudocount = [0.01, 0.1, 1.0]
 policy = ["passive", "active"]
 fixation = [4, 8]
 """
-_JUMP = """
-import random, time
-_time, _jump = time.time, random.Random(0)
-_offset = [0.0]
-def jumping():
-    if _jump.random() < 0.01:
-        _offset[0] = _jump.uniform(-1e6, 1e6)
-    return _time() + _offset[0]
-time.time = jumping
-"""
-
-
-class Tried(NamedTuple):
-    """A command.
-
-    Attributes:
-        words: Its words after `solidtouch`.
-        out: Its output, a file or a folder.
-        resumes: Whether a second run continues the first one's output.
-    """
-
-    words: tuple[str, ...]
-    out: str
-    resumes: bool = False
-
-
 COMMANDS = {
     "reproduce": Tried(("reproduce", "--data", "a.nc", "b.nc", "--quick", "--trials", "20", "--out", "out"), "out"),
     "audit": Tried(("audit", "a.nc", "b.nc", "c.nc", "--quick", "--trials", "100", "--out", "out"), "out"),
@@ -85,219 +52,6 @@ COMMANDS = {
     "convert": Tried(("convert", "large.npz", "out.nc"), "out.nc"),
     "export-model": Tried(("export-model", "model.nc", "--format", "json", "--out", "out.json"), "out.json"),
 }
-
-
-@dataclass
-class Outcome:
-    """What came of the runs of a command.
-
-    Attributes:
-        runs: Runs by kind: `"SIGINT"` and so on, `"full disk"`, `"read-only"`, `"twice"`, `"clock"`.
-        counts: How they ended, by kind and word.
-        slowest_s: Longest time from a signal to the end.
-        wrong: What must not be, one sentence each.
-    """
-
-    runs: Counter[str] = field(default_factory=Counter)
-    counts: Counter[tuple[str, str]] = field(default_factory=Counter)
-    slowest_s: float = 0.0
-    wrong: list[str] = field(default_factory=list)
-
-
-class Trial:
-    """Runs one command over and over in a folder of its own.
-
-    Args:
-        name: A key of `COMMANDS`.
-        data: Folder of its inputs.
-        generator: Of every random moment.
-    """
-
-    def __init__(self, name: str, data: Path, generator: random.Random) -> None:
-        self.name, self.outcome = name, Outcome()
-        self._tried = COMMANDS[name]
-        self._data, self._generator = data, generator
-        self._whole: dict[str, int] = {}
-        began = time.monotonic()
-        with self._folder() as folder:
-            done = self._end(self._start(folder))
-            if done[0]:
-                raise RuntimeError(f"{name} failed: {done[1]}")
-            self._seconds = time.monotonic() - began
-            self._whole = contents(folder / self._tried.out)
-            self._bytes = sum(self._whole.values())
-
-    def interrupt(self, number: signal.Signals) -> None:
-        """One run that is sent a signal at a random moment; one that resumes is then ended and compared."""
-        kind = number.name
-        with self._folder() as folder:
-            process = self._start(folder)
-            time.sleep(self._generator.uniform(0.0, 1.05 * self._seconds))
-            children = _family(process)
-            sent = time.monotonic()
-            process.send_signal(number)
-            code, said = self._end(process)
-            took = time.monotonic() - sent
-            self.outcome.runs[kind] += 1
-            if code == 0:
-                self._note(kind, "ended before")
-            elif code in _CODES[number]:
-                self.outcome.slowest_s = max(self.outcome.slowest_s, took)
-            else:
-                self._object(kind, f"exit code {code}: {said[-300:]}")
-            if took > _SOON_S:
-                self._object(kind, f"ended only after {took:.1f} s")
-            if "Traceback" in said and not _loading(said):
-                self._object(kind, f"a traceback: {said[-500:]}")
-            self._judge(folder, kind, killed=number == signal.SIGKILL, code=code)
-            left = [child for child in children if Path(f"/proc/{child}/exe").exists()]
-            if left and number != signal.SIGKILL:
-                self._object(kind, f"{len(left)} child processes are left")
-
-    def fill(self, share: float) -> None:
-        """One run on a disk with room for a share of its output; 0 is a read-only one."""
-        kind = "read-only" if share == 0 else "full disk"
-        size = "64k,ro" if share == 0 else f"{max(16, int(share * self._bytes / 1024))}k"
-        with self._folder() as folder:
-            words = " ".join(map(_quoted, self._words(str(Path("disk") / self._tried.out))))
-            script = (
-                f"mkdir disk && mount -t tmpfs -o size={size} none disk && {words}; code=$?; "
-                "echo LEFT $(ls -A disk | wc -l); exit $code"
-            )
-            words = ["unshare", "--user", "--map-root-user", "--mount", "sh", "-c", script]
-            done = subprocess.run(  # noqa: S603 - this program itself
-                words, cwd=folder, capture_output=True, text=True, timeout=20 * self._seconds + _END_S, check=False
-            )
-            if "LEFT" not in done.stdout:
-                self._note(kind, "not possible here")
-                return
-            self.outcome.runs[kind] += 1
-            if done.returncode not in (0, 2) or "Traceback" in done.stderr:
-                self._object(kind, f"exit code {done.returncode}: {done.stderr[-300:]}")
-            elif done.returncode == 2:
-                self._note(kind, "refused")
-                if not done.stdout.rstrip().endswith("LEFT 0") and not self._tried.resumes:
-                    self._object(kind, "files are left on the full disk")
-            else:
-                self._note(kind, "ended before")
-
-    def twice(self) -> None:
-        """Two runs at a time into one output: one at most succeeds, and the output is whole."""
-        with self._folder() as folder:
-            both = [self._end(process) for process in [self._start(folder), self._start(folder)]]
-            self.outcome.runs["twice"] += 1
-            codes = sorted(code for code, _ in both)
-            if not set(codes) <= {0, 2} or any("Traceback" in said for _, said in both):
-                self._object("twice", f"exit codes {codes}: {both[0][1][-200:]} {both[1][1][-200:]}")
-            self._note(
-                "twice", "one refused" if codes == [0, 2] else "both ended" if codes == [0, 0] else "both refused"
-            )
-            self._judge(folder, "twice", code=codes[0])
-
-    def jump(self) -> None:
-        """One run whose wall clock jumps by days, back and forth."""
-        with self._folder() as folder:
-            (folder / "clock").mkdir()
-            (folder / "clock" / "sitecustomize.py").write_text(_JUMP)
-            code, said = self._end(self._start(folder, {"PYTHONPATH": str(folder / "clock")}))
-            self.outcome.runs["clock"] += 1
-            if code or "Traceback" in said:
-                self._object("clock", f"exit code {code}: {said[-300:]}")
-            self._judge(folder, "clock", code=code)
-
-    def _judge(self, folder: Path, kind: str, *, killed: bool = False, code: int | None = None) -> None:
-        """Looks at what a run left: its output whole or not at all, and nothing else."""
-        out = folder / self._tried.out
-        if self._tried.resumes and out.exists() and code != 0:
-            code, said = self._end(self._start(folder))
-            if code:
-                self._object(kind, f"could not be resumed: {said[-300:]}")
-        if not out.exists():
-            self._note(kind, "no output")
-        elif set(contents(out)) == set(self._whole):
-            self._note(kind, "whole output")
-        else:
-            self._object(kind, f"half an output: {len(contents(out))} of {len(self._whole)} files")
-        known = {path.name for path in self._data.iterdir()} | {self._tried.out, "clock", "disk"}
-        left = [path.name for path in folder.iterdir() if path.name not in known]
-        if left and killed:
-            self._note(kind, "temporary files")
-        elif left:
-            self._object(kind, f"left behind: {', '.join(left)}")
-
-    def _note(self, kind: str, word: str) -> None:
-        self.outcome.counts[kind, word] += 1
-
-    def _object(self, kind: str, sentence: str) -> None:
-        self.outcome.counts[kind, "wrong"] += 1
-        self.outcome.wrong.append(f"{self.name}, {kind}: {sentence}")
-
-    def _folder(self) -> "_Folder":
-        return _Folder(self._data)
-
-    def _words(self, out: str) -> list[str]:
-        return [
-            sys.executable,
-            "-m",
-            "solidtouch.cli",
-            *(out if w == self._tried.out else w for w in self._tried.words),
-        ]
-
-    def _start(self, folder: Path, environment: Mapping[str, str] | None = None) -> subprocess.Popen[str]:
-        return subprocess.Popen(  # noqa: S603 - this program itself
-            self._words(self._tried.out),
-            cwd=folder,
-            env=os.environ | (environment or {}),
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-
-    def _end(self, process: subprocess.Popen[str]) -> tuple[int, str]:
-        try:
-            said = process.communicate(timeout=300.0)[1]
-        except subprocess.TimeoutExpired:
-            process.kill()
-            said = process.communicate()[1] + " It did not end."
-        return process.returncode, said
-
-
-class _Folder:
-    """A new folder with links to the inputs, gone at the end of the block."""
-
-    def __init__(self, data: Path) -> None:
-        self._data = data
-
-    def __enter__(self) -> Path:
-        self._path = Path(tempfile.mkdtemp())
-        for path in self._data.iterdir():
-            (self._path / path.name).symlink_to(path)
-        return self._path
-
-    def __exit__(self, *_: object) -> None:
-        shutil.rmtree(self._path, ignore_errors=True)
-
-
-def contents(out: Path) -> dict[str, int]:
-    """Sizes of the files of an output, by name below it."""
-    files = [out] if out.is_file() else [path for path in out.rglob("*") if path.is_file()]
-    return {str(path.relative_to(out.parent)): path.stat().st_size for path in files}
-
-
-def _family(process: subprocess.Popen[str]) -> list[int]:
-    """Numbers of the processes that a process started."""
-    with suppress(OSError):
-        return [int(word) for word in Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()]
-    return []
-
-
-def _loading(said: str) -> bool:
-    """Whether Python itself was still being loaded."""
-    return "KeyboardInterrupt" in said and "solidtouch/cli" not in said and "in run\n" not in said
-
-
-def _quoted(word: str) -> str:
-    return "'" + word.replace("'", "'\\''") + "'"
 
 
 def prepare(folder: Path) -> None:
@@ -321,38 +75,76 @@ def prepare(folder: Path) -> None:
     )
 
 
-def run(names: Sequence[str], moments: int, seed: int) -> dict[str, Outcome]:
-    """Outcome of each command; `moments` of each signal, and a tenth as many of the others, at least two."""
-    generator = random.Random(seed)  # noqa: S311 - no secret
-    outcomes = {}
+def run(names: Sequence[str], moments: int, seed: int) -> Iterator[tuple[str, Outcome]]:
+    """Each command and its outcome; `moments` of each signal, and a tenth as many of the others, at least two."""
     with tempfile.TemporaryDirectory() as folder:
         prepare(Path(folder))
         for name in names:
-            trial = Trial(name, Path(folder), generator)
-            todo = [(trial.interrupt, number) for number in SIGNALS for _ in range(moments)]
-            for act, number in track(todo, description=name, console=Console(stderr=True)):
-                act(number)
+            generator = random.Random(f"{seed} {name}")  # noqa: S311 - no secret
+            trial = Trial(name, COMMANDS[name], Path(folder), generator)
             few = max(2, moments // 10)
-            for share in (0.0, *(generator.uniform(0.05, 0.95) for _ in range(few))):
-                trial.fill(share)
-            for _ in range(few):
-                trial.twice()
-                trial.jump()
-            outcomes[name] = trial.outcome
-    return outcomes
+            shares = [0.0, *(generator.uniform(0.05, 0.95) for _ in range(few))]
+            todo = [partial(trial.interrupt, number) for number in SIGNALS for _ in range(moments)]
+            todo += [*(partial(trial.fill, share) for share in shares), *[trial.twice, trial.jump] * few]
+            for act in track(todo, description=name, console=Console(stderr=True)):
+                _while_not_held(trial, act)
+            yield name, trial.outcome
 
 
-def outcome_table(outcomes: Mapping[str, Outcome]) -> str:
-    """A row for each command: how often its runs ended how."""
-    kinds = [*(number.name for number in SIGNALS), "full disk", "read-only", "twice", "clock"]
-    rows = []
-    for name, outcome in outcomes.items():
-        cells = []
-        for kind in kinds:
-            words = {word: n for (which, word), n in outcome.counts.items() if which == kind and word != "wrong"}
-            cells.append(f"{outcome.runs[kind]}: " + ", ".join(f"{n} {word}" for word, n in sorted(words.items())))
-        rows.append([f"`{name}`", *cells, f"{outcome.slowest_s:.1f} s", str(len(outcome.wrong))])
-    return table(["command", *kinds, "slowest end", "wrong"], rows)
+def _while_not_held(trial: Trial, act: Callable[[], None]) -> None:
+    """Tries something again if this program was itself stopped meanwhile, which would look like slowness."""
+    held = True
+    while held:
+        held, before = False, deepcopy(trial.outcome)
+
+        def note(*_: object) -> None:
+            nonlocal held
+            held = True
+
+        signal.signal(signal.SIGCONT, note)
+        act()
+        if held:
+            trial.outcome = before
+
+
+_COLUMNS = (
+    *("command", "interrupted", "nothing left", "whole output", "temporary files", "slowest end"),
+    *("disk full or read-only", "started twice", "clock jumps", "wrong"),
+)
+
+
+def outcome_table(outcomes: Mapping[str, Outcome], kept: Mapping[str, Sequence[str]]) -> str:
+    """A row for each command: how often its runs ended how. Commands that were not tried keep their row."""
+    names = {f"`{name}`": name for name in COMMANDS}
+    rows = [
+        _cells(head, outcomes[name]) if name in outcomes else kept[head]
+        for head, name in names.items()
+        if name in outcomes or head in kept
+    ]
+    return table(_COLUMNS, rows)
+
+
+def _cells(head: str, outcome: Outcome) -> list[str]:
+    numbers = [number.name for number in SIGNALS]
+
+    def total(word: str, *kinds: str) -> int:
+        return sum(outcome.counts[kind, word] for kind in kinds)
+
+    resumed = total("resumed", *numbers)
+    disks = "full disk", "read-only"
+    twice = [f"{n} {word}" for word in ("one refused", "both ended", "both refused") if (n := total(word, "twice"))]
+    return [
+        head,
+        " + ".join(str(outcome.runs[number]) for number in numbers),
+        str(total("no output", *numbers)),
+        str(total("whole output", *numbers)) + (f", {resumed} of them resumed" if resumed else ""),
+        str(total("temporary files", *numbers)),
+        f"{outcome.slowest_s:.1f} s",
+        f"{total('refused', *disks)} of {sum(outcome.runs[kind] for kind in disks)} refused",
+        ", ".join(twice),
+        f"{outcome.runs['clock']}",
+        f"{len(outcome.wrong)}",
+    ]
 
 
 def main() -> None:
@@ -364,13 +156,14 @@ def main() -> None:
     parser.add_argument("--document", type=Path, help="page to update")
     options = parser.parse_args()
     check_block(options.document, BLOCK)
-    outcomes = run(options.only or list(COMMANDS), options.moments, options.seed)
-    text = outcome_table(outcomes)
-    print(text)
-    for outcome in outcomes.values():
+    outcomes, text = dict[str, Outcome](), ""
+    for name, outcome in run(options.only or list(COMMANDS), options.moments, options.seed):
+        outcomes[name] = outcome
         for sentence in outcome.wrong:
-            print(f"! {sentence}")
-    write_block(options.document, BLOCK, text)
+            print(f"! {sentence}", flush=True)
+        text = outcome_table(outcomes, table_rows(block_of(options.document, BLOCK)))
+        write_block(options.document, BLOCK, text)
+    print(text)
     if any(outcome.wrong for outcome in outcomes.values()):
         raise SystemExit(1)
 

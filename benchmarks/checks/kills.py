@@ -309,11 +309,11 @@ def served(folder: Path, seed: int) -> Iterator[EmulatedBench]:
                 thread.join()
 
 
-def run(kills: int, stops: int, spacing_mm: float, seed: int, folder: Path) -> Outcome:
-    """That many kills, and as many of both other signals as `stops`, in random order; then the rest of the taps."""
+def run(moments: int, spacing_mm: float, seed: int, folder: Path) -> Outcome:
+    """Each signal at that many random moments, in random order; then the rest of the taps."""
     generator = random.Random(seed)  # noqa: S311 - no secret
     (folder / "plan.toml").write_text(PLAN.format(spacing_mm=spacing_mm))
-    numbers = [signal.SIGKILL] * kills + [signal.SIGINT, signal.SIGTERM] * stops
+    numbers = list(_CODES) * moments
     generator.shuffle(numbers)
     start_s = time.monotonic()
     with served(folder, seed) as bench:
@@ -354,13 +354,12 @@ def show(outcome: Outcome, console: Console) -> None:
 def main() -> None:
     """Kills, and prints what came of it; exit code 1 if something is that must not be."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--kills", type=int, default=40, help="number of SIGKILLs")
-    parser.add_argument("--stops", type=int, default=10, help="number of SIGINTs and of SIGTERMs")
+    parser.add_argument("--moments", type=int, default=30, help="number of each signal")
     parser.add_argument("--spacing", type=float, default=1.0, metavar="MM", help="spacing of the plan's positions")
     parser.add_argument("--seed", type=int, default=0, help="random seed")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        outcome = run(arguments.kills, arguments.stops, arguments.spacing, arguments.seed, Path(folder))
+        outcome = run(arguments.moments, arguments.spacing, arguments.seed, Path(folder))
     show(outcome, Console())
     if outcome.lost or outcome.wrong:
         raise SystemExit(1)

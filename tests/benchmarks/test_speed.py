@@ -204,9 +204,9 @@ def test_random_faults_give_no_wrong_tap():
 @pytest.mark.slow
 def test_a_killed_collection_loses_nothing_but_the_tap_in_progress():
     """Nor does one that is told to stop, and the finger is off the object then."""
-    printed = run("checks.kills", "--kills", "5", "--stops", "1", "--spacing", "4")
+    printed = run("checks.kills", "--moments", "3", "--spacing", "4")
 
-    assert "kills and stops: 7" in printed
+    assert "kills and stops: 9" in printed
     assert "other taps lost: 0" in printed
 
 

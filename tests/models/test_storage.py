@@ -107,6 +107,30 @@ def test_existing_files_are_kept_without_force(tmp_path):
     assert check_writable(tmp_path / "a", force=True) == tmp_path / "a"
 
 
+def test_a_file_that_another_program_made_meanwhile_is_kept(tmp_path):
+    """Without `force`, also one that was not there when it was checked."""
+    target = tmp_path / "model.nc"
+
+    def both_write():
+        with complete_file(target) as temporary:
+            temporary.write_text("ours")
+            target.write_text("theirs")
+
+    with pytest.raises(InputError, match="already exists"):
+        both_write()
+    assert (target.read_text(), names(tmp_path)) == ("theirs", ["model.nc"])
+
+
+def test_files_appear_where_the_file_system_has_no_links(tmp_path, monkeypatch):
+    def refuse(*_):
+        raise PermissionError(errno.EPERM, "Operation not permitted")
+
+    monkeypatch.setattr(os, "link", refuse)
+    with complete_file(tmp_path / "model.nc") as temporary:
+        temporary.write_text("whole")
+    assert names(tmp_path) == ["model.nc"]
+
+
 def test_places_that_cannot_be_written_are_refused(tmp_path, monkeypatch):
     """Directories, missing folders and folders without permission, each by name."""
     with pytest.raises(InputError, match="is a folder, expected a file name"):
@@ -137,6 +161,29 @@ def test_a_folder_appears_when_it_is_complete(tmp_path):
 
     assert names(target) == ["a", "b"]
     assert names(tmp_path / "runs") == ["first"]
+
+
+def test_all_files_of_a_folder_appear_at_once(tmp_path, monkeypatch):
+    """A program that is killed while it moves them would leave half of them; permissions are ordinary ones."""
+    monkeypatch.setattr(type(tmp_path), "replace", None)
+    (tmp_path / "ordinary").mkdir()
+    with complete_folder(tmp_path / "out") as temporary:
+        for name in "ab":
+            (temporary / name).touch()
+    assert names(tmp_path / "out") == ["a", "b"]
+    assert (tmp_path / "out").stat().st_mode == (tmp_path / "ordinary").stat().st_mode
+
+
+def test_a_folder_that_another_program_made_meanwhile_is_kept(tmp_path):
+    def both_write():
+        with complete_folder(tmp_path / "out") as temporary:
+            (temporary / "ours").touch()
+            (tmp_path / "out").mkdir()
+            (tmp_path / "out" / "theirs").touch()
+
+    with pytest.raises(InputError, match="already exists"):
+        both_write()
+    assert (names(tmp_path), names(tmp_path / "out")) == (["out"], ["theirs"])
 
 
 def test_an_interrupted_folder_leaves_nothing(tmp_path):

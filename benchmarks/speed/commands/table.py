@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks.page import table
+from benchmarks.page import block_of, table, table_rows
 from benchmarks.speed.commands.process import Spent
 from benchmarks.speed.commands.stages import OTHER
 from benchmarks.speed.commands.works import GIB, Work
@@ -44,12 +44,9 @@ class Stored(NamedTuple):
 
 def stored(document: Path | None, block: str) -> Stored:
     """The block of a page; empty without a page or a table."""
-    page = "" if document is None else document.read_text(encoding="utf-8")
-    found = re.search(rf"<!-- begin {block} -->\n(.*?)<!-- end {block} -->", page, re.DOTALL)
-    text = found[1] if found else ""
-    lines = [[cell.strip() for cell in line.strip("|").split(" | ")] for line in text.splitlines() if line[:1] == "|"]
+    text = block_of(document, block)
     older = re.search(rf"{_BEFORE} \((.*?)\)", text)
-    return Stored(text.partition("\n\n")[0], older[1] if older else "", {line[0]: line for line in lines[2:]})
+    return Stored(text.partition("\n\n")[0], older[1] if older else "", table_rows(text))
 
 
 def commands_table(timed: Sequence[Timed], works: Sequence[Work], older: str, kept: Stored) -> str:
