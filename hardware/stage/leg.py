@@ -20,6 +20,8 @@ STEPS, RATE, ACCELERATION, TRAVEL = 100, 110, 120, 130
 """Numbers of settings; these four are for X, followed by Y and Z (setting_codes_en_US.csv)."""
 
 _ALWAYS_ON = 255
+_BEYOND_MM = 0.05
+_LEAST_STEPS = 10.0  # half a step within the corridor of a path
 
 
 class AxisLimits(NamedTuple):
@@ -115,6 +117,11 @@ def _axis(port: str, name: str, axis: AxisSettings, values: Mapping[int, float])
             raise WrongDevice(
                 f"{port}: the {what} of {axis.letter} must be above 0, got ${first + index}={values[first + index]:g}."
             )
+    if values[STEPS + index] < _LEAST_STEPS:
+        raise WrongDevice(
+            f"{port}: {axis.letter} has {values[STEPS + index]:g} steps per mm (${STEPS + index}), too few to watch "
+            f"its path; at least {_LEAST_STEPS:g} are needed."
+        )
     rate, travel = values[RATE + index] / 60.0, values[TRAVEL + index]
     if axis.speed_mm_s > rate + _ROUNDING:
         raise WrongDevice(
@@ -251,6 +258,20 @@ def check_limits(leg: Leg, settings: StageSettings, setup: Setup) -> None:
                 f"{settings.port}: the speed along {name} must be above 0 and at most {found.limits.rate_mm_s:g} mm/s, "
                 f"the maximum rate of the controller, got {leg.speed_mm_s:g}."
             )
+
+
+def check_side(settings: StageSettings, y_mm: float) -> None:
+    """Checks that the way from here to a place clear of the object cannot lead through the object.
+
+    Raises:
+        OutOfLimits: The finger is beyond the limits of y on the side of the object, and the settings do not allow it.
+    """
+    high_mm = settings.y.high_mm
+    if y_mm > high_mm + _BEYOND_MM and not settings.homes_past_object:
+        raise OutOfLimits(
+            f"{settings.port}: the finger is at y = {y_mm:.1f} mm, beyond stage.y.high_mm = {high_mm:g} on the side of "
+            f"the object; take it back by hand and home it, or set stage.homes_past_object = true."
+        )
 
 
 def machine_end(leg: Leg, start: grbl.Vector, settings: StageSettings, setup: Setup) -> grbl.Vector:

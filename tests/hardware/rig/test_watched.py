@@ -2,7 +2,7 @@
 
 import msgspec
 import pytest
-from solidtouch.hardware.errors import BaselineRefused, NoAnswer, SensorOverload, StaleSensor
+from solidtouch.hardware.errors import BaselineRefused, NoAnswer, OutOfLimits, SensorOverload, StaleSensor
 from solidtouch.hardware.rig.open_rig import connected
 
 NOT_HOMED = "Finger position unknown: switch the power off before touching it."
@@ -92,3 +92,15 @@ def test_a_silence_while_homing_resets_the_controller(make_bench):
             pass
 
         assert b"\x18" in bench.diary.sent(bench.stage_port)
+
+
+def test_a_finger_behind_the_object_is_not_moved_through_it(rig_bench):
+    """As after homing by another program to a switch on the wrong side."""
+    stage = rig_bench.settings.stage
+    y = msgspec.structs.replace(stage.y, origin_mm=-100.0, direction=1)
+    settings = msgspec.structs.replace(rig_bench.settings, stage=msgspec.structs.replace(stage, y=y))
+    sentence = r"at y = 99.0 mm, beyond stage.y.high_mm = 3 on the side of the object"
+    with pytest.raises(OutOfLimits, match=sentence), connected(rig_bench.build(settings=settings)):
+        pass
+
+    assert not any(map(is_move, rig_bench.diary.sent(rig_bench.stage_port)))

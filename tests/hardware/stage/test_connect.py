@@ -87,6 +87,7 @@ def test_work_positions_are_understood_once_their_offset_came(plugged):
         ({"_20": 0}, r"\(\$20=0\); send \$20=1"),
         ({"_110": 600}, r"speed_mm_s=20 exceeds the maximum of X, 10 mm/s \(\$110=600 mm/min\).*send \$110=1200"),
         ({"_131": 40}, r"limits of stage.y are -43 to -38 mm.*travel of Y, -40 to 0 mm \(\$131=40\)"),
+        ({"_101": 5}, r"Y has 5 steps per mm \(\$101\), too few to watch its path; at least 10 are needed"),
         ({"_101": 0}, r"steps of Y must be above 0, got \$101=0"),
     ],
 )
