@@ -6,7 +6,7 @@ PY := $(VENV)/bin/python
 # Files of tests on all cores, but not on so many that memory runs short, in the order of tests/conftest.py.
 SIDE_BY_SIDE := -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
-.PHONY: run test test-times test-all check format bench bench-cluster bench-quick studies audit-studies interval-studies results reference-studies strategy-studies fuzz faults kills mutants house rig-demo lock clean help
+.PHONY: run test test-times test-all check format bench bench-cluster bench-quick studies audit-studies interval-studies results reference-studies strategy-studies fuzz faults firmware kills mutants house rig-demo lock clean help
 
 run: $(VENV)/.ready-run
 	@$(VENV)/bin/solidtouch reproduce
@@ -98,6 +98,9 @@ fuzz: $(VENV)/.ready-run
 faults: $(VENV)/.ready-run
 	@$(PY) -m benchmarks.checks.faults
 
+firmware: $(VENV)/.ready-dev
+	@SOLIDTOUCH_GRBL="$(or $(GRBL),$(SOLIDTOUCH_GRBL))" $(PY) -m pytest -rs --durations=5 tests/hardware/firmware
+
 kills: $(VENV)/.ready-run
 	@$(PY) -m benchmarks.checks.kills
 	@$(PY) -m benchmarks.checks.interruptions
@@ -136,6 +139,7 @@ help:
 	@echo "make strategy-studies  strategies of moving and stopping, regret against the exact rule, tuning"
 	@echo "make rig-demo  collect, fit and perceive on emulated devices"
 	@echo "make faults  tap an emulated rig under random faults, damage every byte of its commands, and report; 11 minutes"
+	@echo "make firmware GRBL=DIR  run the stage driver on GRBL's own firmware, built from your checkout of its sources; 5 minutes"
 	@echo "make kills   kill data collections and all long commands at random moments, fill their disks, start them twice; an hour"
 	@echo "make mutants  plant small errors and count those that tests notice, into docs/explanation/mutants.md; hours, resumes"
 	@echo "make house   print sizes and shape of the code; VERSION=REVISION measures another version, as far as nothing has to run"

@@ -13,36 +13,29 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from rich.table import Table
-from solidtouch.hardware.emulator.faults import Switches
-from solidtouch.hardware.emulator.grbl.controller import Controller, ControllerSettings
 from solidtouch.hardware.emulator.rig_file import emulated_rig
-from solidtouch.hardware.emulator.wired_port import ManualClock, WiredPort
 from solidtouch.hardware.errors import RigError
-from solidtouch.hardware.journal import NoJournal
-from solidtouch.hardware.link.loop import Loop
 from solidtouch.hardware.rig.settings import RigFile
 from solidtouch.hardware.simulator.settings import PRESETS
 from solidtouch.hardware.stage.stage import Stage
 from solidtouch.models import seeds
 
+from .watched_stage import Bench, EmulatedStage
+
 CORRIDOR_MM, CORRIDOR_S = 2.0, 0.3
-_ON_PATH_MM = 0.05
-_SAMPLE_S = 0.01
-_RIGHT_MM, _RIGHT_S = 0.01, 0.021
-_AFTER_S = 1.0
-_UNHOMED_MM = (-5.0, -5.0, -5.0)
 _POLLS = 6
+_AWAY_MM = 0.1
 ADDED = b"?!~\x18\x84\x85\x90\x91\x95\x99\xa0\x00\n\r\t ();/%0123456789.-+$=#*GMXYZFNPHCIJRST\x7f\xff"
 """Bytes to add everywhere: all real-time commands in kind, signs, digits, and letters that mean something."""
 KINDS = ("lost", "flipped", "added")
 
-Place = tuple[float, ...]
+Make = Callable[[RigFile, tuple[float, float] | None], Bench]
+"""Makes a bench at a start in the rig frame, None for a controller that must be homed."""
 
 
 class Damage(NamedTuple):
@@ -86,116 +79,6 @@ def damages(writes: list[bytes], generator: np.random.Generator) -> Iterator[Dam
         for at in range(len(data) + 1):
             added = {*ADDED, *generator.integers(256, size=4).tolist()}
             yield from (Damage(number, "added", at, byte) for byte in sorted(added))
-
-
-class _Wire(WiredPort):
-    """A port that damages one write."""
-
-    writes: list[bytes]
-    damage: Damage | None = None
-
-    def write(self, data: bytes) -> None:
-        """Sends bytes, damaged if it is their turn."""
-        number = len(self.writes)
-        self.writes.append(data)
-        if self.damage is not None and number == self.damage.write:
-            data = self.damage.apply(data)
-        if data:
-            super().write(data)
-
-
-class _Watch(ManualClock):
-    """Time at which the true position is sampled.
-
-    Attributes:
-        paths: Polylines in machine coordinates that are commanded.
-        strayed_mm: Largest distance from them.
-        strayed_s: Longest time off them in motion.
-        trace: Time and position of the samples.
-    """
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.paths: list[list[Place]] = []
-        self.controller: Controller | None = None
-        self.strayed_mm = self.strayed_s = 0.0
-        self.trace: list[tuple[float, Place]] = []
-        self._since_s = math.inf
-
-    def wait(self, ports: Any, until: float) -> None:
-        """Waits in steps, and samples after each."""
-        while True:
-            super().wait(ports, min(until, self.time_s + _SAMPLE_S))
-            self._sample()
-            if self.time_s >= until or any(port.waiting() for port in ports):
-                return
-
-    def _sample(self) -> None:
-        if self.controller is None or not self.paths:
-            return
-        at = self.controller.position_mm(self.time_s)
-        moved = not self.trace or at != self.trace[-1][1]
-        self.trace.append((self.time_s, at))
-        if not moved:
-            return
-        distance = min(_distance(at, a, b) for path in self.paths for a, b in pairwise([path[0], *path]))
-        self.strayed_mm = max(self.strayed_mm, distance)
-        if distance <= _ON_PATH_MM:
-            self._since_s = math.inf
-        else:
-            self._since_s = min(self._since_s, self.time_s)
-            self.strayed_s = max(self.strayed_s, self.time_s - self._since_s)
-
-
-def _distance(at: Place, a: Place, b: Place) -> float:
-    way = [q - p for p, q in zip(a, b, strict=True)]
-    square = sum(mm * mm for mm in way)
-    share = sum(mm * (c - p) for mm, c, p in zip(way, at, a, strict=True)) / square if square else 0.0
-    share = min(max(share, 0.0), 1.0)
-    return math.dist(at, [p + mm * share for p, mm in zip(a, way, strict=True)])
-
-
-class Bench:
-    """A stage and its emulated controller in memory.
-
-    Args:
-        rig: Settings.
-        start: Start in the rig frame; None for a controller that must be homed.
-
-    Attributes:
-        rig: Settings.
-        stage: The driver.
-        watch: Its clock, which knows where the stage is.
-        port: Its port.
-    """
-
-    def __init__(self, rig: RigFile, start: tuple[float, float] | None) -> None:
-        self.rig = rig
-        place = _UNHOMED_MM if start is None else self.machine(*start)
-        settings = ControllerSettings(homed=start is not None, start_mm=place)
-        self.watch = _Watch()
-        self.controller = self.watch.controller = Controller(Switches(), settings)
-        self.port = _Wire(self.watch, self.controller, "stage")
-        self.port.writes = []
-        self.stage = Stage(rig.stage, Loop(self.watch), NoJournal(), self.port)
-
-    def machine(self, x_mm: float, y_mm: float) -> tuple[float, float, float]:
-        """Machine coordinates of a place in the rig frame."""
-        return self.rig.stage.x.machine_mm(x_mm), self.rig.stage.y.machine_mm(y_mm), -1.0
-
-    @property
-    def place(self) -> Place:
-        """True position in machine coordinates."""
-        return self.controller.position_mm(self.watch.time_s)
-
-    def rest(self) -> bool:
-        """Whether nothing moves for a second."""
-        before, until = self.place, self.watch.time_s + _AFTER_S
-        self.port.open()  # else nobody waits for it
-        while self.watch.time_s < until:
-            self.port.incoming.clear()
-            ManualClock.wait(self.watch, [self.port], until)
-        return before == self.place
 
 
 class Action(NamedTuple):
@@ -274,21 +157,21 @@ class Tally:
     strayed_s: float = 0.0
 
 
-def reference(rig: RigFile, action: Action) -> tuple[list[bytes], Bench]:
+def reference(rig: RigFile, action: Action, make: Make = EmulatedStage) -> tuple[list[bytes], Bench]:
     """Writes of an action without damage, and the bench after it."""
-    bench, error = _run(rig, action, None)
+    bench, error = _run(rig, action, None, make)
     if error is not None or _wrong(bench, action, None):
         raise RuntimeError(f"{action.name} without damage: {error or _wrong(bench, action, None)}")
     return bench.port.writes, bench
 
 
-def _run(rig: RigFile, action: Action, damage: Damage | None) -> tuple[Bench, RigError | None]:
-    bench = Bench(rig, action.start)
+def _run(rig: RigFile, action: Action, damage: Damage | None, make: Make) -> tuple[Bench, RigError | None]:
+    bench = make(rig, action.start)
     action.prepare(bench.stage)
     bench.watch.paths = [[bench.place, *(bench.machine(*place) for place in action.path)]]
     if action.name == "home":
         bench.watch.paths[0][-1] = (-1.0, -1.0, -1.0)
-    bench.port.writes, bench.port.damage = [], damage
+    bench.port.keep(lambda number, data: damage.apply(data) if damage and number == damage.write else data)
     try:
         action.act(bench.stage)
     except RigError as error:
@@ -296,9 +179,11 @@ def _run(rig: RigFile, action: Action, damage: Damage | None) -> tuple[Bench, Ri
     return bench, None
 
 
-def check(rig: RigFile, action: Action, damage: Damage, sound: Bench, data: bytes, tally: Tally) -> None:
+def check(
+    rig: RigFile, action: Action, damage: Damage, sound: Bench, data: bytes, tally: Tally, make: Make = EmulatedStage
+) -> None:
     """Runs a case and counts it."""
-    bench, error = _run(rig, action, damage)
+    bench, error = _run(rig, action, damage, make)
     watch = bench.watch
     tally.cases[damage.kind] += 1
     reasons = []
@@ -323,13 +208,13 @@ def check(rig: RigFile, action: Action, damage: Damage, sound: Bench, data: byte
 def _wrong(bench: Bench, action: Action, sound: Bench | None) -> str:
     """Why an action that is reported as done was not, or an empty text."""
     end = bench.watch.paths[0][-1]
-    if math.dist(bench.place, end) > _RIGHT_MM:
+    if math.dist(bench.place, end) > bench.right_mm:
         return f"{action.name} reported as done, but is elsewhere"
     if action.name == "tap" and sound is not None:
         (depth, lasted_s), (depth_0, lasted_0_s) = _press(bench), _press(sound)
-        if abs(depth - depth_0) > _RIGHT_MM:
+        if abs(depth - depth_0) > bench.right_mm:
             return "tap of another depth accepted"
-        if abs(lasted_s - lasted_0_s) > _RIGHT_S:
+        if abs(lasted_s - lasted_0_s) > bench.right_s:
             return "tap of another duration accepted"
     return ""
 
@@ -338,7 +223,7 @@ def _press(bench: Bench) -> tuple[float, float]:
     """Depth of a tap in mm, and time in seconds that the finger was away from its clear position."""
     (_, start), *_ = trace = bench.watch.trace
     ways = [math.dist(start, at) for _, at in trace]
-    away = [time_s for (time_s, _), mm in zip(trace, ways, strict=True) if mm > 10 * _RIGHT_MM]
+    away = [time_s for (time_s, _), mm in zip(trace, ways, strict=True) if mm > _AWAY_MM]
     return max(ways), (away[-1] - away[0] if away else 0.0)
 
 
@@ -355,7 +240,7 @@ def _retracted(bench: Bench, action: Action) -> str:
     except RigError:
         return ""  # the rig then reports `NotAtRest`
     y_mm = bench.rig.stage.y.rig_mm(bench.place[1])
-    return "" if abs(y_mm - clear_mm) <= _RIGHT_MM else "finger not lifted"
+    return "" if abs(y_mm - clear_mm) <= bench.right_mm else "finger not lifted"
 
 
 def paper_rig() -> RigFile:
@@ -363,16 +248,18 @@ def paper_rig() -> RigFile:
     return emulated_rig(Path("/"), PRESETS["paper"], "icub")
 
 
-def run(positions: int, stride: int, progress: Callable[[int], None] = lambda _: None) -> Tally:
+def run(
+    positions: int, stride: int, progress: Callable[[int], None] = lambda _: None, make: Make = EmulatedStage
+) -> Tally:
     """Runs every `stride`th case of a collection."""
     rig, tally = paper_rig(), Tally()
     generator = seeds.generator(0, seeds.Purpose.STUDY)
     number = 0
     for action in collection(rig, positions):
-        writes, sound = reference(rig, action)
+        writes, sound = reference(rig, action, make)
         for damage in damages(writes, generator):
             if number % stride == 0:
-                check(rig, action, damage, sound, writes[damage.write], tally)
+                check(rig, action, damage, sound, writes[damage.write], tally, make)
                 progress(1)
             number += 1
     return tally

@@ -10,7 +10,9 @@ from .receive_buffer import LINE_BYTES
 
 _SOFT_LIMIT = 2
 _BAD_NUMBER, _UNKNOWN_COMMAND, _NO_HOMING, _NOT_IDLE, _LOCKED, _OVERFLOW, _TRAVEL = 2, 3, 5, 8, 9, 11, 15
-_WRITE = re.compile(r"\$(\d+)=([+-]?(?:\d+\.?\d*|\.\d+))?")
+_NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)"
+_WRITE = re.compile(rf"\$({_NUMBER})(=?)({_NUMBER})?(.*)")
+_LAST_SETTING = 255
 
 
 class Commands:
@@ -68,9 +70,18 @@ class Commands:
         if kind == "S" and rest == "LP":
             cpu.sleeping = cpu.locked = True
             return 0
-        if match := _WRITE.fullmatch(line):
-            return (yield from self._write(int(match[1]), float(match[2]))) if match[2] else _BAD_NUMBER
-        return _UNKNOWN_COMMAND if kind in "#IRS" or kind.isdigit() else _BAD_NUMBER
+        return _UNKNOWN_COMMAND if kind in "#IRS" else (yield from self._setting(line))
+
+    def _setting(self, line: str) -> Command:
+        """Any other `$` line, which writes a setting."""
+        number, equals, value, more = match.groups() if (match := _WRITE.fullmatch(line)) else ("", "=", None, "")
+        if not equals:
+            return _UNKNOWN_COMMAND
+        if value is None:
+            return _BAD_NUMBER
+        if more or float(number) > _LAST_SETTING:
+            return _UNKNOWN_COMMAND
+        return (yield from self._write(int(float(number)), float(value)))
 
     def _any_time(self, kind: str) -> int:
         """`$`, `$$`, `$G`, `$C` or `$X`."""
@@ -148,7 +159,7 @@ class Commands:
         if block.dwell_s is not None:
             yield from cpu.until_done()
             yield from cpu.pause(block.dwell_s)
-        if block.axes and not cpu.checking:
+        if block.axes:
             if (fault := cpu.switches.strikes("refuse_move", cpu.now_s)) is not None:
                 return int(fault.get("code", _LOCKED))
             target_mm = self._aim(block)
@@ -156,8 +167,10 @@ class Commands:
                 if jog:
                     return _TRAVEL
                 yield from self._break_soft_limit()
-            yield from cpu.until_room()
-            self._move(target_mm, block.feed_mm_min / 60, jog=jog)
+            if not cpu.checking:
+                yield from cpu.until_room()
+                self._move(target_mm, block.feed_mm_min / 60, jog=jog)
+            self._target_mm = target_mm
         if block.ends:
             yield from cpu.until_done()
             cpu.say(grbl_report.PROGRAM_END)
@@ -180,11 +193,10 @@ class Commands:
             start_s += 0.0 if jog else cpu.settings.start_s
             if (fault := cpu.switches.strikes("false_idle", cpu.now_s)) is not None:
                 start_s += float(fault.get("seconds", 0.1))
-        self._target_mm = target_mm
         cpu.planner.add(cpu.planner.axes.steps(target_mm), speed_mm_s, start_s)
 
     def _break_soft_limit(self) -> Program:
         """Brings the machine to rest and locks; does not return."""
-        self._cpu.planner.cancel(self._cpu.now_s)
+        self._cpu.planner.cancel(self._cpu.now_s, self._cpu.settings.ahead_s)
         yield from self._cpu.until_done()
         yield from self._cpu.critical_alarm(_SOFT_LIMIT)

@@ -28,7 +28,8 @@ class Firmware:
         self._cpu = Processor(switches, settings)
         self._commands = Commands(self._cpu)
         self._in_line = False
-        self._limit_asked: Move | None = None
+        self._limit_move: Move | None = None
+        self._switch_s = self._fault_s = math.inf
         self._run(self._serve())
 
     @property
@@ -108,9 +109,9 @@ class Firmware:
     def _suspend(self) -> None:
         cpu = self._cpu
         if cpu.jogs:  # braking after its cancellation
-            cpu.planner.cancel(cpu.now_s)
+            cpu.planner.cancel(cpu.now_s, cpu.settings.ahead_s)
         else:
-            cpu.planner.hold(cpu.now_s)
+            cpu.planner.hold(cpu.now_s, cpu.settings.ahead_s)
         cpu.held, cpu.suspended_until = True, math.inf
 
     def resume(self) -> None:
@@ -122,7 +123,7 @@ class Firmware:
     def cancel_jog(self) -> None:
         """0x85: during a jog, brakes and drops the remaining path; lines wait until it is at rest."""
         if self._cpu.jogs and self._obeys():
-            self._cpu.planner.cancel(self._cpu.now_s)
+            self._cpu.planner.cancel(self._cpu.now_s, self._cpu.settings.ahead_s)
             self._cpu.suspended_until = self._cpu.planner.end_s()
             self._commands.see_place()
 
@@ -195,9 +196,13 @@ class Firmware:
         self._in_line = False
         self._cpu.forget()
         self._commands.forget()
-        self._cpu.say(grbl_report.banner(self._cpu.settings.firmware, self._cpu.settings.version))
-        if self._cpu.locked:
-            self._cpu.say(grbl_report.LOCKED)
+        cpu = self._cpu
+        cpu.say(grbl_report.banner(cpu.settings.firmware, cpu.settings.version))
+        if cpu.memory[21] and cpu.pressed_now:
+            cpu.locked = True
+            cpu.say(grbl_report.PRESSED)
+        if cpu.locked:
+            cpu.say(grbl_report.LOCKED)
         yield from self._serve()
 
     # Events in time
@@ -207,20 +212,26 @@ class Firmware:
         return math.inf if cpu.asked_s is None or not cpu.listens else cpu.asked_s + cpu.settings.status_s
 
     def _limit_due_s(self) -> float:
-        """Middle of the current move, until checked for a limit-switch fault."""
+        """When the current move changes a limit switch, or the fault presses one, in the middle of the move."""
         cpu = self._cpu
-        if not (cpu.switches.is_on("limit_alarm") and cpu.memory[21]) or cpu.homing:
-            return math.inf
         move = cpu.planner.current(cpu.now_s)
-        return math.inf if move is None or move is self._limit_asked else (move.start_s + move.end_s) / 2
+        if move is None or cpu.homing or not cpu.memory[21]:
+            return math.inf
+        if move is not self._limit_move:
+            self._limit_move = move
+            self._switch_s, self._fault_s = cpu.machine.switch_s(move), (move.start_s + move.end_s) / 2
+        return min(self._switch_s, self._fault_s if cpu.switches.is_on("limit_alarm") else math.inf)
 
     def _meet_limit(self) -> None:
-        """Hits a limit switch in the middle of a move if that fault is on."""
-        cpu = self._cpu
-        move = self._limit_asked = cpu.planner.current(cpu.now_s)
-        if move is not None and cpu.switches.strikes("limit_alarm", cpu.now_s) is not None:
+        """Stops if a limit switch changes, or the fault presses those of the axes that move."""
+        cpu, move = self._cpu, self._limit_move
+        fault = cpu.now_s < self._switch_s
+        if fault:
+            self._fault_s = math.inf
+            if move is None or cpu.switches.strikes("limit_alarm", cpu.now_s) is None:
+                return
             ends = zip("XYZ", move.start, move.end, strict=True)
             cpu.pressed = "".join(name for name, start, end in ends if start != end)
-            cpu.machine.stop_dead(cpu.now_s)
-            cpu.listens = cpu.resets = False
-            self._run(cpu.critical_alarm(_HARD_LIMIT))
+        cpu.machine.stop_dead(cpu.now_s)
+        cpu.listens = cpu.resets = False
+        self._run(cpu.critical_alarm(_HARD_LIMIT))

@@ -8,9 +8,13 @@ import math
 from collections import deque
 from typing import NamedTuple
 
+import numpy as np
+
 Vector = tuple[float, float, float]
 """x, y, z in millimetres or steps."""
 Steps = tuple[int, int, int]
+
+_SINGLE = np.float32
 
 BLOCKS = 15
 """Lines that a controller queues, including the current one (planner.h)."""
@@ -30,8 +34,10 @@ class MotionLimits(NamedTuple):
     acceleration_mm_s2: Vector
 
     def steps(self, place_mm: Vector) -> Steps:
-        """Steps nearest to a position."""
-        x, y, z = (round(mm * steps) for mm, steps in zip(place_mm, self.steps_per_mm, strict=True))
+        """Steps nearest to a position; half a step, in single precision, counts as one, as in GRBL."""
+        x, y, z = (
+            _rounded(float(_SINGLE(mm) * _SINGLE(steps))) for mm, steps in zip(place_mm, self.steps_per_mm, strict=True)
+        )
         return x, y, z
 
     def mm(self, place: Vector) -> Vector:
@@ -140,8 +146,8 @@ class Planner:
         return _nearest(self._moves[-1].end) if self._moves else self._place
 
     def speed_mm_s(self, time_s: float) -> float:
-        """Speed in mm/s."""
-        move = self.current(time_s)
+        """Speed in mm/s, at a time that is not past."""
+        move = next((move for move in self._moves if time_s < move.end_s), None)
         return move.profile.speed_mm_s(time_s - move.start_s) if move else 0.0
 
     def velocity_mm_s(self, time_s: float) -> Vector:
@@ -205,12 +211,18 @@ class Planner:
     def _append(self, start: Steps, end: Vector, start_s: float, profile: Trapezoid, speed_mm_s: float) -> None:
         self._moves.append(Move(start, end, start_s, start_s + profile.duration_s, profile, speed_mm_s))
 
-    def hold(self, time_s: float) -> None:
-        """Brakes, and keeps the remaining lines for `resume`."""
+    def hold(self, time_s: float, ahead_s: float = 0.0) -> None:
+        """Brakes, and keeps the remaining lines for `resume`.
+
+        Args:
+            time_s: Time now.
+            ahead_s: Time of motion that is prepared already: it is made before the braking.
+        """
         self.current(time_s)
-        self._held.extend((move.end, move.speed_mm_s) for move in self._moves)
-        started = [move.braked(time_s) for move in self._moves if move.start_s <= time_s]
-        self._moves = deque(move for move in started if move.end_s > time_s)
+        brake_s = time_s + ahead_s
+        self._held.extend((move.end, move.speed_mm_s) for move in self._moves if move.end_s > brake_s)
+        started = [move for move in self._moves if move.start_s < brake_s]
+        self._moves = deque(move if move.end_s <= brake_s else move.braked(brake_s) for move in started)
 
     def resume(self, time_s: float) -> None:
         """Resumes the lines that `hold` kept."""
@@ -218,9 +230,9 @@ class Planner:
         for end, speed_mm_s in held:
             self.add(end, speed_mm_s, time_s)
 
-    def cancel(self, time_s: float) -> None:
-        """Brakes, and drops the remaining lines."""
-        self.hold(time_s)
+    def cancel(self, time_s: float, ahead_s: float = 0.0) -> None:
+        """Brakes as `hold`, and drops the remaining lines."""
+        self.hold(time_s, ahead_s)
         self._held.clear()
 
     def stop(self, time_s: float) -> None:
@@ -237,6 +249,10 @@ class Planner:
 def _least(limits: Vector, shares: list[float]) -> float:
     """Highest value along a line at which no axis exceeds its limit."""
     return min(limit / share for limit, share in zip(limits, shares, strict=True) if share > 0.0)
+
+
+def _rounded(steps: float) -> int:
+    return int(math.copysign(math.floor(abs(steps) + 0.5), steps))
 
 
 def _nearest(place: Vector) -> Steps:

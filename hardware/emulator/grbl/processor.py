@@ -5,13 +5,16 @@ from collections.abc import Generator
 
 from ..faults import Switches
 from . import report as grbl_report
-from .motion import BLOCKS, Planner, Vector
+from .motion import BLOCKS, Move, Planner, Vector
 from .receive_buffer import ReceiveBuffer
 from .settings import ControllerSettings, Memory
 
+_BISECTIONS = 40
+_MOVES = {"Run", "Jog", "Hold:1", "Door:2"}
+
 
 class Machine:
-    """Three axes that follow a planner until power or steps are lost.
+    """Three axes with a limit switch at either end, which follow a planner until power or steps are lost.
 
     Args:
         memory: The numbered settings.
@@ -29,6 +32,7 @@ class Machine:
         start_mm = settings.start_mm or usual_mm
         self.planner = Planner(axes, axes.steps(start_mm) if settings.homed else (0, 0, 0))
         self._astray_mm: Vector = (0.0, 0.0, 0.0) if settings.homed else start_mm
+        self._ends_mm = [(-mm, 0.0) for mm in travel]
 
     def believed_mm(self, time_s: float) -> Vector:
         """Position that the controller assumes, in machine coordinates."""
@@ -36,8 +40,30 @@ class Machine:
 
     def position_mm(self, time_s: float) -> Vector:
         """True position in machine coordinates."""
-        (x, y, z), (a, b, c) = self.planner.axes.mm(self.planner.at(time_s)), self._astray_mm
-        return x + a, y + b, z + c
+        return _sum(self.planner.axes.mm(self.planner.at(time_s)), self._astray_mm)
+
+    def pressed(self, time_s: float) -> str:
+        """Letters of the axes whose limit switches are pressed."""
+        return "".join(
+            name for name, ends in zip("XYZ", self._switches(self.planner.at(time_s)), strict=True) if any(ends)
+        )
+
+    def switch_s(self, move: Move) -> float:
+        """Time at which a line first presses or releases a limit switch; infinity if it does not."""
+        before = self._switches(move.start)
+        if before == self._switches(move.end):
+            return math.inf
+        low_s, high_s = move.start_s, move.end_s
+        for _ in range(_BISECTIONS):  # each switch changes at most once in a straight line
+            middle_s = (low_s + high_s) / 2
+            unchanged = before == self._switches(move.at(middle_s))
+            low_s, high_s = (middle_s, high_s) if unchanged else (low_s, middle_s)
+        return high_s
+
+    def _switches(self, place: Vector) -> list[tuple[bool, bool]]:
+        """Whether the switches at the low and the high end of each axis are pressed at a position in steps."""
+        place_mm = _sum(self.planner.axes.mm(place), self._astray_mm)
+        return [(mm <= low, mm >= high) for mm, (low, high) in zip(place_mm, self._ends_mm, strict=True)]
 
     def stop_dead(self, time_s: float) -> None:
         """Stops the steps at once; the machine stops a little later, so the position is lost."""
@@ -88,7 +114,7 @@ class Processor:
         planner: Pending lines of the machine.
         input: Receive buffer.
         locked: Whether it is in Alarm.
-        pressed: Letters of the limit switches that are pressed.
+        pressed: Letters of the limit switches that a fault presses.
         homing: Whether it is homing.
         jogging: Whether the pending lines are jogs.
         held: Whether a feed hold or the safety door is active.
@@ -183,9 +209,9 @@ class Processor:
             state,
             self.machine.believed_mm(self.now_s),
             self.settings.work_offset_mm,
-            speed_mm_s=self.planner.speed_mm_s(self.now_s),
+            speed_mm_s=self.planner.speed_mm_s(self.now_s + self.settings.ahead_s) if state in _MOVES else 0.0,
             room=(BLOCKS - self.planner.waiting(self.now_s), self.input.room),
-            pressed=self.pressed,
+            pressed=self.pressed_now,
             mask=int(self.memory[10]),
             inches=bool(self.memory[13]),
             due=self._counters.due(state),
@@ -194,6 +220,11 @@ class Processor:
             at = int(self.switches.generator.integers(1, len(text)))
             text = f"{text[:at]}{grbl_report.PROGRAM_END}\r\n{text[at:]}"
         self.say(text)
+
+    @property
+    def pressed_now(self) -> str:
+        """Letters of the axes whose limit switches are pressed, by a fault or by the machine."""
+        return "".join(sorted({*self.pressed, *self.machine.pressed(self.now_s)}))
 
     @property
     def state(self) -> str:

@@ -7,6 +7,7 @@ _INCH_MM = 25.4
 _HELP = {"Grbl": "['$' for help]", "GrblHAL": "['$' or '$HELP' for help]"}
 _BUSY = frozenset({"Home", "Run", "Hold:0", "Hold:1", "Jog"})
 
+PRESSED = "[MSG:Check Limits]"
 LOCKED = "[MSG:'$H'|'$X' to unlock]"
 UNLOCKED = "[MSG:Caution: Unlocked]"
 ENABLED = "[MSG:Enabled]"

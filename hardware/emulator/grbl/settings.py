@@ -37,6 +37,8 @@ class ControllerSettings:
         line_s: Time from the end of a line to its answer.
         status_s: Time from `?` to its answer.
         start_s: Time from the `ok` of a G0 or G1 to its start, in which status reports Idle at the old position.
+        ahead_s: Time of motion that is prepared and cannot change any more, up to 5 segments of 10 ms (stepper.c);
+            braking begins behind it, and the reported speed is that at its end.
         write_s: Time to write a setting; bytes that arrive meanwhile are lost.
         alarm_s: Time to print an alarm, in which nothing else happens.
         reset_s: Time from a soft reset to the banner.
@@ -55,6 +57,7 @@ class ControllerSettings:
     line_s: float = 0.002
     status_s: float = 0.006
     start_s: float = 0.003
+    ahead_s: float = 0.05
     write_s: float = 0.005
     alarm_s: float = 0.5
     reset_s: float = 0.004

@@ -225,7 +225,7 @@ def test_a_recording_gives_the_taps_that_were_made_live(any_bench, tmp_path):
         for delta in (0, 1, -2):
             labelled.move(delta)
             live.append(labelled.tap())
-            any_bench.once_deep(lambda: any_bench.on("silent_sensor", times=12))
+            any_bench.once_deep(lambda: any_bench.on("silent_sensor", times=10))
             with pytest.raises(StaleSensor, match="no reading for"):
                 labelled.tap()
     taps = taps_from_recording(path)

@@ -491,7 +491,7 @@ def test_a_move_that_an_operator_holds_is_told(bench, loop):
             rig.controller.receive(b"!", now_s)
 
     held = []
-    with loop.guarded(hold), pytest.raises(StageFault, match="should be at x = 16 mm"):
+    with loop.guarded(hold), pytest.raises(StageFault, match="on its way to x = 16 mm and was stopped"):
         rig.stage.move(x_mm=16.0)
 
     rig.stage.stop()

@@ -3,67 +3,9 @@
 from dataclasses import replace
 
 import pytest
+from grbl_answers import ANSWERS
 from grbl_line import HOMED, Line
 from solidtouch.hardware.emulator.grbl.report import Counters
-
-ANSWERS = {
-    "empty": (b"\n", b"ok\r\n"),
-    "carriage return and line feed": (b"\r\n", b"ok\r\nok\r\n"),
-    "comment": (b"(wait; for) ; it\n", b"ok\r\n"),
-    "folded": (b" g 0 x-1 (one) y - 1\n", b"ok\r\n"),
-    "units and modes": (b"G21G90G94G17\n", b"ok\r\n"),
-    "spindle off": (b"M5\n", b"ok\r\n"),
-    "no letter": (b"1\n", b"error:1\r\n"),
-    "real-time byte inside": (b"G0~X-1\n", b"ok\r\n"),
-    "no number": (b"G0X\n", b"error:2\r\n"),
-    "two points": (b"G0X1.2.3\n", b"error:1\r\n"),
-    "unknown dollar": (b"$Q\n", b"error:2\r\n"),
-    "check mode": (b"$C\n", b"[MSG:Enabled]\r\nok\r\n"),
-    "jog without sign": (b"$J X-1F100\n", b"error:3\r\n"),
-    "negative feed": (b"G1X-1F-5\n", b"error:4\r\n"),
-    "setting without number": (b"$10=x\n", b"error:3\r\n"),
-    "setting without value": (b"$10=\n", b"error:2\r\n"),
-    "setting negative": (b"$110=-1\n", b"error:4\r\n"),
-    "setting unknown": (b"$99=1\n", b"error:3\r\n"),
-    "pulse too short": (b"$0=2\n", b"error:6\r\n"),
-    "longest line": (b"G0" + b"X-1" + b"Y-1.".ljust(74, b"0") + b"\n", b"ok\r\n"),
-    "line too long": (b"G0" + b"X-1" + b"Y-1.".ljust(75, b"0") + b"\n", b"error:11\r\n"),
-    "arc": (b"G2X-1Y-1I1F100\n", b"error:20\r\n"),
-    "unknown letter": (b"Q1\n", b"error:20\r\n"),
-    "two modes": (b"G90G91\n", b"error:21\r\n"),
-    "no feed": (b"G1X-1\n", b"error:22\r\n"),
-    "fraction": (b"G0.5\n", b"error:23\r\n"),
-    "word twice": (b"G0X-1X-2\n", b"error:25\r\n"),
-    "no axis": (b"G1F100\n", b"ok\r\n"),
-    "dwell without time": (b"G4\n", b"error:28\r\n"),
-    "unused word": (b"G0X-1I3\n", b"error:36\r\n"),
-    "jog": (b"$J=G53G90G21X-2.5F600\n", b"ok\r\n"),
-    "jog without feed": (b"$J=X-1\n", b"error:22\r\n"),
-    "jog without axis": (b"$J=G53G90G21F100\n", b"ok\r\n"),
-    "jog with arc": (b"$J=G53G90G2X-2F100\n", b"error:30\r\n"),
-    "jog with arc without place": (b"$J=G2F100\n", b"error:26\r\n"),
-    "jog with arc without centre": (b"$J=G2X-2F100\n", b"error:35\r\n"),
-    "jog without dollar": (b"J=G53X-46F600\n", b"error:2\r\n"),
-    "jog without equals": (b"$JG53X-46F600\n", b"error:3\r\n"),
-    "jog without J": (b"$=G53X-46F600\n", b"error:2\r\n"),
-    "jog that stores a line": (b"$N=G53X-46F600\n", b"error:2\r\n"),
-    "jog with another modal word": (b"$J=G57X-46F600\n", b"error:16\r\n"),
-    "number above a byte": (b"$J=G2146.0F600\n", b"error:20\r\n"),
-    "number that wraps to another word": (b"$J=G277X-4F600\n", b"error:23\r\n"),
-    "axis word without motion word": (b"G80\nX-4F600\n", b"ok\r\nerror:31\r\n"),
-    "homing with more text": (b"$H=\n", b"error:3\r\n"),
-    "jog beyond the travel": (b"$J=X-200.001F100\n", b"error:15\r\n"),
-    "jog above zero": (b"$J=G91Y1.001F100\n", b"error:15\r\n"),
-    "jog to the end": (b"$J=X-200F100\n", b"ok\r\n"),
-    "jog with G1": (b"$J=G1X-1F100\n", b"error:16\r\n"),
-    "jog with dwell": (b"$J=G4P1X-1F100\n", b"error:16\r\n"),
-    "jog with spindle": (b"$J=X-1F100S5\n", b"error:36\r\n"),
-    "parser state": (b"$G\n", b"[GC:G0 G54 G17 G21 G90 G94 M5 M9 T0 F0 S0]\r\nok\r\n"),
-    "build": (b"$I\n", b"[VER:1.1h.20190830:]\r\n[OPT:V,15,128]\r\nok\r\n"),
-    "unlock when idle": (b"$X\n", b"ok\r\n"),
-    "shortest pulse": (b"$0=3\n", b"ok\r\n"),
-    "help": (b"$\n", b"[HLP:$$ $# $G $I $N $x=val $Nx=line $J=line $SLP $C $X $H ~ ! ? ctrl-x]\r\nok\r\n"),
-}
 
 
 @pytest.mark.parametrize(("command", "answer"), ANSWERS.values(), ids=ANSWERS)

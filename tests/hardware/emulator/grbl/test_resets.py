@@ -110,7 +110,7 @@ def test_a_limit_switch_in_motion_locks_until_reset_and_homing(line):
     assert line.say(b"$J=X-41F3000\n", 3.0) == b"ok\r\nALARM:1\r\n" + CRITICAL
     assert line.controller.position_mm(line.now)[0] == pytest.approx(-21.0, abs=0.2)
     assert line.say(b"?\n", 1.0) == b""
-    assert line.say(b"\x18", 1.0) == BANNER + UNLOCK
+    assert line.say(b"\x18", 1.0) == BANNER + b"[MSG:Check Limits]\r\n" + UNLOCK
     assert line.status().startswith("<Alarm|MPos:-21.000,-1.000,-1.000|FS:0,0|Pn:X")
     assert line.say(b"$H\n", 5.0) == b"ok\r\n"
     assert line.status() == "<Idle|MPos:-1.000,-1.000,-1.000|FS:0,0>\r\n"
