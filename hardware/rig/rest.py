@@ -24,5 +24,5 @@ def resting_place(position_mm: tuple[float, float] | None = None, may_press: boo
     if may_press:
         return f"Finger {place}, beyond tap.clear_mm: it may press on the object."
     if touches:
-        return f"Finger {place}, where it touches something by its readings."
+        return f"Finger {place}, where its readings are those of a touch."
     return f"Finger off the object {place}."

@@ -96,7 +96,7 @@ def test_a_rig_that_cannot_be_opened_leaves_nothing_open(rig_bench, missing, fau
     ("fault", "how", "note"),
     [
         ("silent_sensor", {}, "Finger off the object at y = 0.0 mm."),
-        ("overload", {"mask": 5}, "Finger at y = 0.0 mm, where it touches something by its readings."),
+        ("overload", {"mask": 5}, "Finger at y = 0.0 mm, where its readings are those of a touch."),
         ("unplug", {"port": "stage"}, "Finger position unknown: switch the power off before touching it."),
     ],
 )
