@@ -4,18 +4,22 @@ MATLAB has no vectors, no trailing axes of length one and no text except charact
 HDF5 with axes in reverse order. This module undoes all that: vectors get one axis, `taps` three.
 """
 
+import zipfile
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from .. import storage
 from ..blocks import BLOCK
 from ..errors import InputError
 from .arrays import KNOWN, ROW_VECTORS, TABLE_VECTORS, TEXTS, check_present
-from .mat_v5 import Content, read_v5
 from .untrusted import check_size, read_first
+
+type _Content = NDArray[Any] | str  # or the name of a type that is not supported
 
 
 def read_mat(path: Path) -> dict[str, NDArray[Any]]:
@@ -26,7 +30,7 @@ def read_mat(path: Path) -> dict[str, NDArray[Any]]:
     """
     import h5py  # noqa: PLC0415
 
-    content = _read_v73(path) if h5py.is_hdf5(path) else read_v5(path)
+    content = _read_v73(path) if h5py.is_hdf5(path) else _read_v5(path)
     arrays = {}
     for name, value in content.items():
         if isinstance(value, str) and name in KNOWN:
@@ -49,7 +53,23 @@ def _arranged(arrays: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
     return arrays
 
 
-def _read_v73(path: Path) -> dict[str, Content]:
+def _read_v5(path: Path) -> dict[str, _Content]:
+    """Arrays as SciPy reads them in another process."""
+    with TemporaryDirectory() as folder:
+        target = Path(folder, "arrays.zip")
+        if not read_first("mat_v5", path, target):
+            raise InputError("not a MATLAB file of version 5 to 7.3, or damaged or truncated.")
+        with zipfile.ZipFile(target) as archive:
+            return {name: _stored(archive, name) for name in archive.namelist()}
+
+
+def _stored(archive: zipfile.ZipFile, name: str) -> _Content:
+    with archive.open(name) as file:
+        array = npy.read_array(file, allow_pickle=False)
+    return array if array.ndim else str(array)
+
+
+def _read_v73(path: Path) -> dict[str, _Content]:
     import h5py  # noqa: PLC0415
 
     if not read_first("hdf5_trial", path):
@@ -67,7 +87,7 @@ def _read_v73(path: Path) -> dict[str, Content]:
         raise InputError(f"damaged MATLAB 7.3 file ({error}).") from error
 
 
-def _read_node(file: Any, node: Any) -> Content:
+def _read_node(file: Any, node: Any) -> _Content:
     """The array, or the name of its type if unsupported."""
     import h5py  # noqa: PLC0415
 

@@ -1,18 +1,23 @@
 """Files of unknown origin: what they declare is compared with their size, and C libraries first read them elsewhere.
 
-On damaged bytes the libraries of HDF5 and MATLAB files can crash, hang or ask for any amount of memory. A child
-process with limits reads such a file first. A file that this software wrote and nobody changed since bears a seal and
-is read at once.
+On damaged bytes the libraries of HDF5 and MATLAB files can crash, hang or ask for any amount of memory. A process with
+limits reads such a file first: a fork of a child that has loaded the library, or the child itself where systems have no
+forks. A file that this software wrote and nobody changed since bears a seal and is read at once.
 """
 
+import atexit
 import hashlib
+import json
 import os
+import selectors
 import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from ..errors import InputError
 
@@ -21,8 +26,10 @@ _SECONDS = 5  # of a processor
 _BYTES_PER_SECOND = 5_000_000
 _BUSY = 20  # times these seconds may pass, as a computer may be busy
 _MEMORY = 1 << 30
-_NO_MEMORY = 3  # exit code of a child that reached its limit
+_NO_MEMORY = 3  # exit code of a process that reached its limit
 _NO_TIME = -getattr(signal, "SIGXCPU", 24)
+_FORKS = hasattr(os, "fork")
+_idle: list[subprocess.Popen[str]] = []  # children that wait for a file
 _SEAL = b"solidtouch-seal\n"
 _DIGEST = 16
 _MOST_SEALED = 1 << 26
@@ -71,29 +78,24 @@ def available_memory() -> int:
 
 
 def read_first(module: str, path: Path, *arguments: str | Path) -> bool:
-    """Lets a child process read a file before this one does; whether it could.
+    """Lets another process read a file before this one does; whether it could.
 
     Args:
-        module: Module of this folder that reads the file and calls `set_limits` before.
+        module: Module of this folder whose function `read` does so.
         path: The file.
-        arguments: Further arguments of the module.
+        arguments: Further arguments of `read`.
 
     Raises:
-        InputError: The child crashed, took more than 5 s of a processor and 0.2 s per megabyte of the file, or reached
-            its limit of memory, 1 GiB and 250 times the file or what is available.
+        InputError: The process crashed, took more than 5 s of a processor and 0.2 s per megabyte of the file, or
+            reached its limit of memory, 1 GiB and 250 times the file or what is available.
     """
     size = path.stat().st_size
     seconds = _SECONDS + size // _BYTES_PER_SECOND
     memory = min(_MEMORY + _DENSEST * size, available_memory())
-    name = f"{__package__}.{module}"
-    command = [sys.executable, "-P", "-m", name, f"{seconds}", f"{memory}", str(path.absolute()), *map(str, arguments)]
-    one_thread = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-    how: dict[str, Any] = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
-    how |= {"env": os.environ | one_thread, "timeout": _BUSY * seconds}
-    try:
-        code = subprocess.run(command, check=False, **how).returncode  # noqa: S603
-    except subprocess.TimeoutExpired:
-        code = _NO_TIME
+    request = json.dumps(
+        [_FORKS, f"{__package__}.{module}", seconds, memory, str(path.absolute()), *map(str, arguments)]
+    )
+    code = _ask(request, _BUSY * seconds)
     if code == _NO_TIME:
         raise InputError(f"reading it takes longer than {seconds} s; {_CHANGED}.")
     if code == _NO_MEMORY:
@@ -103,21 +105,94 @@ def read_first(module: str, path: Path, *arguments: str | Path) -> bool:
     return code == 0
 
 
-def set_limits() -> list[str]:
-    """Limits this process, where the system can, and has it leave no dump where it crashes; its other arguments."""
-    seconds, memory, *others = sys.argv[1:]
+def _ask(request: str, seconds: float) -> int:
+    """Exit code of the process that reads a file for a child, or of the child; `_NO_TIME` after these seconds."""
+    child, answer = _child(), ""  # no other thread has this child now
+    try:
+        with suppress(BrokenPipeError):
+            child.stdin.write(f"{request}\n")
+            child.stdin.flush()
+        if _FORKS and _ready(child.stdout, seconds=seconds):
+            answer = child.stdout.readline()
+        elif _FORKS:
+            return _NO_TIME
+        return int(answer or child.wait(seconds))
+    except subprocess.TimeoutExpired:
+        return _NO_TIME
+    finally:
+        _idle.append(child) if answer else _end(child)
+
+
+def _child() -> Any:
+    """A child that waits for a request."""
+    with suppress(IndexError):
+        while (child := _idle.pop()).poll() is not None:
+            _end(child)
+        return child
+    one_thread = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
+    how: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
+    how |= {"text": True, "env": os.environ | one_thread, "start_new_session": True}
+    return subprocess.Popen([sys.executable, "-P", "-m", __name__], **how)  # noqa: S603
+
+
+def _ready(*files: Any, seconds: float | None = None) -> list[Any]:
+    """Those of some pipes that can be read or are closed, once there is one or the time is over."""
+    with selectors.DefaultSelector() as selector:
+        for file in files:
+            selector.register(file, selectors.EVENT_READ)
+        return [key.fileobj for key, _ in selector.select(seconds)]
+
+
+def _end(child: Any) -> None:
+    """Ends a child and its fork."""
+    if child.poll() is None:
+        os.killpg(child.pid, signal.SIGKILL) if _FORKS else child.kill()
+    child.communicate()
+
+
+@atexit.register
+def _end_all() -> None:
+    while _idle:
+        _end(_idle.pop())
+
+
+if _FORKS:
+    os.register_at_fork(after_in_child=_idle.clear)
+
+
+def _read(read: Callable[..., object], seconds: int, memory: int, *arguments: str) -> NoReturn:
+    """Reads a file within limits, where the system has them, and ends this process, without a dump if it crashes."""
     with suppress(ImportError, ValueError, OSError):
         import resource  # noqa: PLC0415
 
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-        resource.setrlimit(resource.RLIMIT_CPU, (int(seconds), int(seconds) + 1))
-        resource.setrlimit(resource.RLIMIT_AS, (int(memory), int(memory)))
-    return others
+        resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
+        resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
+    try:
+        read(*arguments)
+    except MemoryError:
+        os._exit(_NO_MEMORY)
+    except BaseException:
+        os._exit(1)
+    os._exit(0)
 
 
-def out_of_memory() -> None:
-    """Ends the process as `read_first` expects it after a `MemoryError`."""
-    os._exit(_NO_MEMORY)
+def main() -> None:
+    """Reads files, one for each line that comes in, and prints the exit codes of the processes that did."""
+    for line in sys.stdin:
+        forks, module, *request = json.loads(line)
+        read = import_module(module).read
+        if not forks:
+            _read(read, *request)
+        ended, held = os.pipe()
+        if not (fork := os.fork()):
+            os.dup2(2, 1)  # what a library prints is no answer
+            _read(read, *request)
+        os.close(held)
+        if ended not in _ready(sys.stdin, ended):  # nobody waits any longer
+            os.kill(fork, signal.SIGKILL)
+        os.close(ended)
+        os.write(1, b"%d\n" % os.waitstatus_to_exitcode(os.waitpid(fork, 0)[1]))
 
 
 def seal(path: Path) -> None:
@@ -145,3 +220,7 @@ def is_sealed(path: Path) -> bool:
 
 def _digest(content: bytes) -> bytes:
     return hashlib.blake2b(content, digest_size=_DIGEST).digest()
+
+
+if __name__ == "__main__":
+    main()
