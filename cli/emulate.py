@@ -174,6 +174,6 @@ def fault_of(words: str) -> tuple[str, dict[str, Any]]:
             raise InputError(f"--fault {words}: expected key=value, got {pair!r}.")
         try:
             parameters[key.strip()] = json.loads(value)
-        except json.JSONDecodeError:
+        except (ValueError, RecursionError):
             parameters[key.strip()] = value
     return name, parameters

@@ -160,7 +160,7 @@ def read_groups(path: str | Path, names: Iterable[str], on_disk: str = "") -> "d
     if not path.exists():
         raise InputError(f"{path}: no such file.")
     try:
-        if not is_sealed(path) and not read_first("hdf5_trial", path):
+        if not is_sealed(path) and not read_first("hdf5", path):
             raise OSError
         with h5py.File(path, "r") as file:
             file.visititems(lambda *_: None)  # if this fails, xarray would leave the file open
@@ -195,6 +195,8 @@ def read_zarr(path: str | Path, on_disk: str = "") -> "xr.Dataset":
     if not path.is_dir():
         raise InputError(f"{path}: is a file, expected a Zarr store, which is a folder.")
     try:
+        if not read_first("zarr_store", path):
+            raise OSError
         dataset = xr.open_dataset(path, engine="zarr", chunks=None, consolidated=False, decode_times=False, cache=False)
         _load_small(path, dataset, on_disk)
     except InputError as error:

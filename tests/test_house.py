@@ -59,7 +59,7 @@ EDGES = {
     "dask": ("analysis/tasks/dask.py",),
     "distributed": ("analysis/tasks/dask.py",),
     "h5netcdf": ("models/blocks.py",),
-    "h5py": ("models/io/hdf5_trial.py", "models/io/mat.py", "models/storage.py"),
+    "h5py": ("models/io/isolated/hdf5.py", "models/io/mat.py", "models/storage.py"),
     "jax": (
         "analysis/audit/variance/gains.py",
         "analysis/conformance/routes.py",
@@ -94,7 +94,7 @@ EDGES = {
     "sklearn": ("inference/classifier.py",),
     "threadpoolctl": ("models/threads.py",),
     "typer": ("cli/*.py", "cli/shared/homing.py", "cli/shared/options.py"),
-    "zarr": ("analysis/sweep/store.py",),
+    "zarr": ("analysis/sweep/store.py", "models/io/isolated/zarr_store.py"),
 }
 """The files that may import any other package, wherever in a file and for types alone as well."""
 

@@ -75,7 +75,7 @@ class SweepReport(Report):
         """The cells in a store, finished or not.
 
         Raises:
-            InputError: There is no such store.
+            InputError: There is no such store, or it is damaged.
         """
         return cls(Path(path), kept(Path(path)))
 

@@ -8,6 +8,7 @@ import xarray as xr
 from scipy.special import stdtrit
 
 from ...models.errors import InputError
+from ...models.io.untrusted import read_first
 from ..stats.metrics import CONFIDENCE
 
 AVERAGED = ("what_error", "where_error", "taps", "what_wrong", "belief", "stopped_fraction")
@@ -23,7 +24,21 @@ def open_sweep(path: str | Path) -> xr.Dataset:
     Returns:
         Dims are the axes of the study and `theta`; `status` and `traceback` lack theta. Pending and failed cells hold
         NaN. Where all data sets have the same unit of an error, it stands in the attribute `units`.
+
+    Raises:
+        InputError: The store is damaged.
     """
+    try:
+        if not read_first("zarr_store", Path(path), "result", "status", "traceback"):
+            raise OSError
+        return _opened(path)
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from error
+    except Exception as error:  # on damaged bytes Zarr raises almost any exception
+        raise InputError(f"{path}: not a sweep, or damaged.") from error
+
+
+def _opened(path: str | Path) -> xr.Dataset:
     stored = xr.open_zarr(path, consolidated=False)
     dataset = stored["result"].to_dataset("quantity", promote_attrs=False).drop_vars("meaning", errors="ignore")
     meanings = dict(zip(stored["quantity"].values, stored["meaning"].values, strict=True))

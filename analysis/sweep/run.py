@@ -108,12 +108,13 @@ def kept(out: Path) -> SweepProgress:
     """How far the sweep of a store is.
 
     Raises:
-        InputError: There is no such store.
+        InputError: There is no such store, or it is damaged.
     """
     if not out.exists():
         raise InputError(f"{out}: no such store.")
     about = read_about(out)
-    grid = CellGrid.of(parse_study(about["study"]), tuple(json.loads(about["data_keys"])))
+    with naming(out):
+        grid = CellGrid.of(parse_study(about["study"]), tuple(about["data_keys"]))
     status = SweepStore(out, grid).status()[grid.distinct]
     done, failed = (int(np.count_nonzero(status == state)) for state in (DONE, FAILED))
     return SweepProgress(len(status), done, failed)
@@ -131,9 +132,9 @@ def _store(path: Path, out: Path, study: StudyFile, sources: Sources, grid: Cell
     settings = json.loads(msgspec.json.encode(study))
     if out.is_dir() and any(out.iterdir()):
         about = read_about(out)
-        _check_study(path, out, settings, json.loads(about["settings"]))
-        _check_data(out, sources.keys, json.loads(about["data_keys"]))
-        if different := differences(json.loads(about["code"]), code()):
+        _check_study(path, out, settings, about["settings"])
+        _check_data(out, sources.keys, about["data_keys"])
+        if different := differences(about["code"], code()):
             raise InputError(f"{out} was begun with other software; now there is {', '.join(different)}.")
         return SweepStore(out, grid)
     about = {

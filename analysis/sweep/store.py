@@ -19,6 +19,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -53,12 +54,19 @@ class SweepStore:
         self._grid = grid
 
     def status(self) -> NDArray[np.int8]:
-        """`PENDING`, `DONE` or `FAILED` of every cell, by number; reads chunks of failed cells only."""
+        """`PENDING`, `DONE` or `FAILED` of every cell, by number; reads chunks of failed cells only.
+
+        Raises:
+            InputError: A part is missing, or files are there that belong to no cell.
+        """
         status = np.zeros(len(self._grid), dtype=np.int8)
-        status[self._listed("status")] = DONE
-        for number in self._listed("traceback"):
-            if status[number]:  # a cell that failed before it was done keeps its traceback for a moment
-                status[number] = (self.path / "status" / self._chunk(number)).read_bytes()[0]
+        try:
+            status[self._listed("status")] = DONE
+            for number in self._listed("traceback"):
+                if status[number]:  # a cell that failed before it was done keeps its traceback for a moment
+                    status[number] = (self.path / "status" / self._chunk(number)).read_bytes()[0]
+        except (OSError, ValueError, IndexError) as error:
+            raise InputError(f"{self.path}: damaged sweep ({error}).") from error
         return status
 
     def write(self, outcome: Outcome) -> None:
@@ -139,17 +147,20 @@ def create_store(
 
 
 def read_about(path: Path) -> dict[str, Any]:
-    """What identifies the study of a store.
+    """What identifies the study of a store, as it was when the store was created.
 
     Raises:
-        InputError: There is no such store.
+        InputError: There is no such store, or it is damaged.
     """
     try:
         about = json.loads((path / "zarr.json").read_text(encoding="utf-8"))["attributes"]
-        if about["sweep_format"] != FORMAT:
+        if about["sweep_format"] != FORMAT or not isinstance(about["study"], str):
             raise KeyError
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{path} exists and is no sweep of format {FORMAT}.") from error
+        about |= {name: msgspec.json.decode(about[name], type=dict[str, str]) for name in ("data_keys", "code")}
+        about["settings"] = msgspec.json.decode(about["settings"], type=dict[str, Any])
+        about["settings"]["grid"] = dict(about["settings"]["grid"])
+    except (OSError, ValueError, KeyError, TypeError, RecursionError, msgspec.MsgspecError) as error:
+        raise InputError(f"{path} exists and is no sweep of format {FORMAT}, or is damaged.") from error
     return about
 
 

@@ -23,7 +23,6 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import track
 
-from benchmarks.checks.fuzz_files import write_files
 from benchmarks.page import table
 
 ENDS = ("done", "refused", "stopped", "traceback", "crash", "memory")
@@ -133,6 +132,8 @@ def ended(words: Sequence[str], folder: Path) -> tuple[str, str]:
 
 def run(number: int, seed: int) -> tuple[dict[str, Counter[str]], list[str]]:
     """How so many changed lines of each command ended, and what must not be, one sentence each."""
+    from benchmarks.checks.fuzz_sources import write_files  # noqa: PLC0415 - each command would import it
+
     multiprocessing.get_context("forkserver").set_forkserver_preload(["solidtouch.cli.main"])
     generator = random.Random(seed)  # noqa: S311 - no secret
     counts: dict[str, Counter[str]] = {}

@@ -1,23 +1,23 @@
 """Feeds damaged files to every reader; `make fuzz`.
 
 Valid small files are changed at random: bits, truncation, insertion, loss, exchanged blocks, extreme numbers. A reader
-works in a process of its own, and must accept a file or refuse it by `InputError`, within 10 s and 1 GB. Files that it
-does not are kept.
+works in a process of its own, and must accept a file or refuse it by `InputError`, within 10 s and 1 GB. What it lets
+further processes read has limits there. Files that it neither accepts nor refuses are kept.
 """
 
 import argparse
 import random
 import re
-import resource
 import shutil
 import signal
 import subprocess
 import sys
 import traceback
 import zipfile
+import zlib
 from collections import Counter
-from collections.abc import Callable
 from pathlib import Path
+from pkgutil import resolve_name
 from queue import Empty, Queue
 from tempfile import TemporaryDirectory
 from threading import Thread
@@ -27,76 +27,48 @@ from solidtouch.models.errors import InputError
 
 from benchmarks.page import table
 
-EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
+READERS = {
+    "model": "solidtouch.models.io.model_file:load_model",
+    "export": "solidtouch.models.io.model_file:load_model",
+    "setting": "solidtouch.models.setting_file:load_setting",
+    "rig": "solidtouch.hardware.rig.settings:load_rig",
+    "plan": "solidtouch.hardware.recording.plan:load_plan",
+    "study": "solidtouch.analysis.sweep.study:load_study",
+    "targets": "solidtouch.inference.moves.table:load_table",
+    "learner": "solidtouch.inference.tuning.online:load_learner",
+    "resumed": "benchmarks.checks.fuzz_files:resume",
+    "sweep": "benchmarks.checks.fuzz_files:sweep_again",
+    "answers": "benchmarks.checks.fuzz_files:check",
+}
+"""Of formats that are no taps."""
 ENDS = ("accepted", "refused", "traceback", "crash", "hang", "memory")
 _SECONDS, _BYTES, _START = 10.0, 1 << 30, 120.0
 _EXTREMES = ("1e308", "-1", "nan", "1e-320", "9" * 400, "0", "", "1" * 18, "[", '"', "true")
 _NUMBER = re.compile(rb"-?\d+(?:\.\d+)?")
 
 
-def write_files(folder: Path) -> dict[str, Path]:
-    """A valid file or store of each format."""
-    import json  # noqa: PLC0415
+def resume(path: Path) -> None:
+    """Resumes a recording, and ends it."""
+    from solidtouch.hardware.recording.recording import Recorder  # noqa: PLC0415
 
-    import h5py  # noqa: PLC0415
-    import numpy as np  # noqa: PLC0415
-    from scipy.io import savemat  # noqa: PLC0415
-    from solidtouch.models.io.export import Decisions, save_exported  # noqa: PLC0415
-    from solidtouch.models.io.load import load_taps  # noqa: PLC0415
-    from solidtouch.models.setting_file import Setting  # noqa: PLC0415
-
-    import solidtouch as st  # noqa: PLC0415
-
-    n, names = np.arange(12), np.array(["thin", "thick"])
-    arrays: dict[str, Any] = {
-        "taps": np.sin(n[:, None, None] + np.arange(4)[:, None] * np.arange(1, 4)).round(3),
-        "what": n % 2,
-        "where": n // 2 % 3,
-        "session": n // 6,
-        "where_values": np.arange(3.0),
-    }
-    files = {name: folder / f"taps.{name}" for name in ("npz", "nc", "zarr", "csv")}
-    files |= {name: folder / f"{name}.mat" for name in ("mat5", "mat73")}
-    np.savez_compressed(files["npz"], **arrays, what_names=names, meta=np.array(json.dumps({"rate_hz": 50})))
-    savemat(files["mat5"], arrays | {"what_names": names.astype(object), "where_unit": "mm"}, oned_as="column")
-    with h5py.File(files["mat73"], "w", userblock_size=512) as file:
-        for name, values in arrays.items():
-            file.create_dataset(name, data=np.atleast_2d(values).astype(float).T, compression="gzip")
-        cells = [file.create_dataset(f"#refs#/{name}", data=[[ord(letter)] for letter in name]) for name in names]
-        for cell in cells:
-            cell.attrs["MATLAB_class"] = np.bytes_("char")
-        file.create_dataset("what_names", data=np.array([[cell.ref for cell in cells]], dtype=h5py.ref_dtype))
-        file["what_names"].attrs["MATLAB_class"] = np.bytes_("cell")
-    taps = load_taps(files["npz"])
-    taps.save(files["nc"])
-    taps.dataset.to_zarr(files["zarr"], consolidated=False)
-    head = "tap,what,where,session,taxel_0,taxel_1,taxel_2\n"
-    rows = [(i, names[i % 2], i // 2 % 3, i // 6, *frame) for i in n for frame in arrays["taps"][i]]
-    files["csv"].write_text(head + "\n".join(",".join(map(str, row)) for row in rows) + "\n", encoding="utf-8")
-    model = st.fit(taps)
-    files |= {"model": folder / "model.nc", "export": folder / "model.json", "setting": folder / "setting.json"}
-    model.save(files["model"])
-    save_exported(model, files["export"], Decisions("uniform", 0.9, 0.9, 1))
-    Setting().save(files["setting"])
-    for name in ("rig", "plan", "study"):
-        files[name] = folder / f"{name}.toml"
-        shutil.copy(EXAMPLES / f"{name}.toml", files[name])
-    return files
+    Recorder.resume(path).finish()
 
 
-def reader(name: str) -> Callable[[Path], object]:
-    """What reads a format."""
-    if name in ("rig", "plan", "study"):
-        from solidtouch.analysis.sweep.study import load_study  # noqa: PLC0415
-        from solidtouch.hardware.recording.plan import load_plan  # noqa: PLC0415
-        from solidtouch.hardware.rig.settings import load_rig  # noqa: PLC0415
+def sweep_again(path: Path) -> None:
+    """Continues a sweep, and opens its results."""
+    from solidtouch.analysis.sweep.report import SweepReport  # noqa: PLC0415
+    from solidtouch.analysis.sweep.run import sweep  # noqa: PLC0415
+    from solidtouch.analysis.tasks.local import in_this_process  # noqa: PLC0415
 
-        return {"rig": load_rig, "plan": load_plan, "study": load_study}[name]
-    from solidtouch.models.io.load import load_taps  # noqa: PLC0415
-    from solidtouch.models.io.model_file import load_model  # noqa: PLC0415
-    from solidtouch.models.setting_file import load_setting  # noqa: PLC0415
+    sweep(path.with_name("swept.toml"), path, in_this_process)
+    _ = SweepReport.open(path).results
 
-    return {"model": load_model, "export": load_model, "setting": load_setting}.get(name, load_taps)
+
+def check(path: Path) -> None:
+    """Checks the answers of a program."""
+    from solidtouch.analysis.conformance.report import run_files  # noqa: PLC0415
+
+    run_files(path, ["root-j"])
 
 
 def mutated(content: bytes, generator: random.Random) -> bytes:
@@ -138,15 +110,45 @@ def damaged(source: Path, target: Path, generator: random.Random) -> None:
         shutil.copytree(source, target)
         target /= generator.choice(sorted(path for path in source.rglob("*") if path.is_file())).relative_to(source)
         source = target
-    if source.suffix == ".npz" and generator.random() < 0.8:  # with checksums that match
+    if source.suffix == ".mcap" and generator.random() < 0.8:  # with checksums that match
+        damage_recording(source, target, generator)
+    elif source.suffix == ".npz" and generator.random() < 0.8:  # with checksums that match
         with zipfile.ZipFile(source) as archive:
             members = {name: archive.read(name) for name in archive.namelist()}
         name = generator.choice(list(members))
         with zipfile.ZipFile(target, "w") as archive:
             for each, content in members.items():
                 archive.writestr(each, mutated(content, generator) if each == name else content)
-        return
-    target.write_bytes(mutated(source.read_bytes(), generator))
+    else:
+        target.write_bytes(mutated(source.read_bytes(), generator))
+
+
+def damage_recording(source: Path, target: Path, generator: random.Random) -> None:
+    """Writes a recording with a damaged message."""
+    from mcap.writer import CompressionType, Writer  # noqa: PLC0415
+    from solidtouch.models.io.rig_reader import RecordingReader  # noqa: PLC0415
+
+    entries = list(RecordingReader(source))
+    topic = generator.choice(sorted({entry.topic for entry in entries}))
+    chosen = generator.choice([i for i, entry in enumerate(entries) if entry.topic == topic])
+    crc = 0
+    with target.open("wb") as file:
+        writer = Writer(file, use_chunking=False, compression=CompressionType.NONE)
+        writer.start()
+        channels: dict[str, int] = {}
+        for i, entry in enumerate(entries):
+            data, time_ns = entry.data, entry.log_time_ns
+            if entry.topic == "/tap":
+                data, crc = re.sub(rb'"crc":\d+', b'"crc":%d' % crc, data), 0
+            if i == chosen:
+                data = mutated(data, generator)
+                time_ns = generator.choice((time_ns, 0, 1 << 63, (1 << 64) - 1))
+            if entry.topic != "/tap":
+                crc = zlib.crc32(data, crc)
+            if entry.topic not in channels:
+                channels[entry.topic] = writer.register_channel(entry.topic, "json", 0)
+            writer.add_message(channels[entry.topic], time_ns, data, time_ns)
+        writer.finish()
 
 
 class ReadingProcess:
@@ -185,7 +187,7 @@ class ReadingProcess:
 
 def answer(name: str) -> None:
     """Reads the files whose paths come in, one a line, and prints how each ended."""
-    read = reader(name)
+    read: Any = resolve_name(READERS.get(name, "solidtouch.models.io.load:load_taps"))
     out, sys.stdout = sys.stdout, sys.stderr
     print("ready", file=out, flush=True)
     for line in sys.stdin:
@@ -201,10 +203,9 @@ def answer(name: str) -> None:
 
 
 def _peak() -> int:
-    """Most bytes that this process or one of its children has held; `getrusage` counts those of its parent, too."""
-    children = 1024 * resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
+    """Most bytes that this process has held; `getrusage` counts those of its parent, too."""
     own = re.search(r"VmHWM:\s+(\d+) kB", Path("/proc/self/status").read_text(encoding="ascii"))
-    return max(children, 1024 * int(own[1]) if own else 0)
+    return 1024 * int(own[1]) if own else 0
 
 
 def fuzz(name: str, source: Path, number: int, generator: random.Random, kept: Path) -> Counter[str]:
@@ -245,6 +246,8 @@ def main() -> int:
     if arguments.read:
         answer(arguments.read)
         return 0
+    from benchmarks.checks.fuzz_sources import write_files  # noqa: PLC0415 - what this imports readers do without
+
     with TemporaryDirectory() as folder:
         files = write_files(Path(folder))
         names = arguments.formats.split(",") if arguments.formats else list(files)

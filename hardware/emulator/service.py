@@ -120,7 +120,7 @@ class Service:
             else:
                 answer = self._carry_out(question)
                 self._driver = asker if "advance" in question else self._driver
-        except msgspec.MsgspecError as error:
+        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
             answer = {"error": f"Invalid request: {error}."}
         except InputError as error:
             answer = {"error": str(error)}

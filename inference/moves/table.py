@@ -120,7 +120,7 @@ def load_table(path: str | Path) -> TargetTable:
         file = msgspec.json.decode(Path(path).read_bytes(), type=_TargetsFile)
     except OSError as error:
         raise InputError(f"{path}: cannot read: {error.strerror}.") from error
-    except msgspec.DecodeError as error:
+    except (msgspec.DecodeError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: not a table of targets: {error}.") from error
     L = len(file.target)
     square = all([len(row) for row in part] == [L] * L for part in (file.loss, file.error, file.trials))

@@ -72,7 +72,7 @@ def _stored(archive: zipfile.ZipFile, name: str) -> _Content:
 def _read_v73(path: Path) -> dict[str, _Content]:
     import h5py  # noqa: PLC0415
 
-    if not read_first("hdf5_trial", path):
+    if not read_first("hdf5", path):
         raise InputError("damaged MATLAB 7.3 file.")
     try:
         with h5py.File(path, "r") as file:

@@ -128,7 +128,7 @@ def _until_damage(path: Path, file: IO[bytes], size: int) -> Iterator[McapRecord
 def _entry(topic: str, message: Message, crc: int) -> Entry:
     try:
         content = _DECODERS[topic].decode(message.data)
-    except (msgspec.DecodeError, UnicodeDecodeError):
+    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError):
         return Entry(topic, message.log_time, message.data, None, False)
     intact = not isinstance(content, Tap) or content.crc == crc
     return Entry(topic, message.log_time, message.data, content, intact)

@@ -1,8 +1,8 @@
 """Files of unknown origin: what they declare is compared with their size, and C libraries first read them elsewhere.
 
-On damaged bytes the libraries of HDF5 and MATLAB files can crash, hang or ask for any amount of memory. A process with
-limits reads such a file first: a fork of a child that has loaded the library, or the child itself where systems have no
-forks. A file that this software wrote and nobody changed since bears a seal and is read at once.
+On damaged bytes the libraries of HDF5, MATLAB and Zarr files can crash, hang or ask for any amount of memory. A
+process with limits reads such a file first: a fork of a child that has loaded the library, or the child itself where
+systems have no forks. A file that this software wrote and nobody changed since bears a seal and is read at once.
 """
 
 import atexit
@@ -81,19 +81,19 @@ def read_first(module: str, path: Path, *arguments: str | Path) -> bool:
     """Lets another process read a file before this one does; whether it could.
 
     Args:
-        module: Module of this folder whose function `read` does so.
-        path: The file.
-        arguments: Further arguments of `read`.
+        module: Module of `io.isolated`.
+        path: The file or folder.
+        arguments: Further arguments of its `read`.
 
     Raises:
         InputError: The process crashed, took more than 5 s of a processor and 0.2 s per megabyte of the file, or
             reached its limit of memory, 1 GiB and 250 times the file or what is available.
     """
-    size = path.stat().st_size
+    size = _size(path)
     seconds = _SECONDS + size // _BYTES_PER_SECOND
     memory = min(_MEMORY + _DENSEST * size, available_memory())
     request = json.dumps(
-        [_FORKS, f"{__package__}.{module}", seconds, memory, str(path.absolute()), *map(str, arguments)]
+        [_FORKS, f"{__package__}.isolated.{module}", seconds, memory, str(path.absolute()), *map(str, arguments)]
     )
     code = _ask(request, _BUSY * seconds)
     if code == _NO_TIME:

@@ -2,8 +2,12 @@
 
 import random
 import sys
+from operator import ne
 
 import pytest
+from solidtouch.hardware.recording.recording import Recorder
+from solidtouch.hardware.recording.settings import about_rig
+from solidtouch.models.io.rig_reader import RecordingReader
 from solidtouch.models.setting_file import Setting
 
 from benchmarks.checks import fuzz_files
@@ -38,6 +42,23 @@ def test_one_file_of_a_store_is_damaged(tmp_path):
 
     assert [path.read_bytes() == CONTENT for path in sorted(store.iterdir())] == [True] * 3
     assert sorted(path.read_bytes() == CONTENT for path in (tmp_path / "case.zarr").iterdir()) == [False, True, True]
+
+
+def test_one_message_of_a_recording_is_damaged(fake_rig, tmp_path):
+    """The checksums match, as in files of other programs, so that what is in it is read."""
+    path, case = tmp_path / "taps.mcap", tmp_path / "case.mcap"
+    with Recorder.create(path, about_rig(fake_rig.fake_settings())) as recorder:
+        rig = fake_rig.FakeRig(recorder).connect()
+        rig.tap()
+        rig.tap()
+    whole = list(RecordingReader(path))
+    for seed in range(20):
+        fuzz_files.damage_recording(path, case, dice(seed))
+        reader = RecordingReader(case)
+        entries = list(reader)
+        assert sum(not entry.intact for entry in entries) == reader.damaged <= 1
+        assert sum(map(ne, [entry.data for entry in entries], [entry.data for entry in whole])) <= 2
+        assert case.read_bytes() != path.read_bytes()
 
 
 def test_damaged_settings_are_refused_or_accepted(tmp_path):

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
-from solidtouch.cli.emulate import switch_on
+from solidtouch.cli.emulate import fault_of, switch_on
 from solidtouch.hardware.emulator.faults import Switches
 from solidtouch.hardware.emulator.shared_clock import SharedClock, SocketConnection
 from solidtouch.hardware.link.port import Port
@@ -90,6 +90,11 @@ def host_clock():
     from solidtouch.hardware.link.loop import HostClock
 
     return HostClock()
+
+
+@pytest.mark.parametrize("value", ["text", "9" * 5000, "[" * 100_000])
+def test_a_parameter_that_is_no_json_is_text(value):
+    assert fault_of(f"jump:size={value},times=2") == ("jump", {"size": value, "times": 2})
 
 
 def test_the_faults_are_listed_without_a_folder(command):

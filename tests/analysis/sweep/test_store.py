@@ -2,6 +2,7 @@
 
 import contextlib
 import math
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -22,8 +23,8 @@ GRID = CellGrid(
 )
 
 
-def make(path: Path, grid: CellGrid = GRID):
-    return create_store(path, grid, THRESHOLDS, dict.fromkeys(grid.axes[0], ("mm", "deg")), {"title": "t"})
+def make(path: Path, grid: CellGrid = GRID, **about):
+    return create_store(path, grid, THRESHOLDS, dict.fromkeys(grid.axes[0], ("mm", "deg")), {"title": "t"} | about)
 
 
 def done(number: int, value: float = 1.5) -> Outcome:
@@ -194,6 +195,49 @@ def test_a_folder_that_is_no_store_is_refused(tmp_path):
 
     with pytest.raises(InputError, match="exists and is no sweep of format 1"):
         read_about(tmp_path)
+
+
+ABOUT = {"study": "", "settings": '{"grid": {}}', "data_keys": "{}", "code": "{}"}
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"study": 3}, {"settings": "{}"}, {"settings": "[" * 5000}, {"data_keys": '["a"]'}, {"code": None}, {"code": "{"}],
+)
+def test_a_store_with_damaged_attributes_is_refused(tmp_path, change):
+    make(tmp_path / "s.zarr", **ABOUT)
+    assert read_about(tmp_path / "s.zarr")["settings"] == {"grid": {}}
+    make(tmp_path / "t.zarr", **ABOUT | change)
+
+    with pytest.raises(InputError, match=r"t\.zarr exists and is no sweep of format 1, or is damaged"):
+        read_about(tmp_path / "t.zarr")
+
+
+@pytest.mark.parametrize("name", ["c.0", "c.9.9.9.9.9.9.9.9.9.9", "c.a"])
+def test_a_file_of_no_cell_is_named(tmp_path, name):
+    store = make(tmp_path / "s.zarr")
+    (tmp_path / "s.zarr/status" / name).touch()
+
+    with pytest.raises(InputError, match=r"s\.zarr: damaged sweep"):
+        store.status()
+
+
+@pytest.mark.parametrize(
+    ("damage", "sentence"),
+    [(b"\xff\xff\xff\x7f", "reading it takes .*damaged"), (b"", "not a sweep, or damaged")],
+)
+def test_damaged_results_are_refused(tmp_path, damage, sentence):
+    """Zarr 3.1 makes as many texts as a chunk says that it holds."""
+    make(tmp_path / "s.zarr")
+    names = xr.Dataset(coords={"data": np.array(["a", "b"], dtype=object)})
+    shutil.rmtree(tmp_path / "s.zarr/data")
+    names.to_zarr(tmp_path / "s.zarr", mode="a", encoding={"data": {"compressors": None}}, consolidated=False)
+    assert open_sweep(tmp_path / "s.zarr")["data"].values.tolist() == ["a", "b"]
+    (chunk,) = (tmp_path / "s.zarr/data/c").iterdir()
+    chunk.write_bytes(damage)
+
+    with pytest.raises(InputError, match=rf"s\.zarr: {sentence}"):
+        open_sweep(tmp_path / "s.zarr")
 
 
 def test_a_store_that_cannot_be_built_leaves_nothing_behind(tmp_path, monkeypatch):

@@ -119,6 +119,7 @@ def test_an_answer_that_nobody_waited_for_is_passed_over(running, connection):
         (b"", "Invalid request"),
         (b"[1]", "Invalid request"),
         (b"\xff\x00", "Invalid request"),
+        (b'{"number": "\xff"}', "Invalid request"),
         (b'{"number": 3}', "A request needs advance and sent, or order"),
         (b'{"number": 3, "advance": "x", "sent": {}}', "A request needs advance and sent, or order"),
         (b'{"number": 3, "advance": 1, "sent": {"a": "b"}}', "Invalid request"),

@@ -129,6 +129,15 @@ def test_other_files_are_refused(table, tmp_path, change, message):
         load_table(path)
 
 
+def test_a_file_that_is_no_text_is_refused(table, tmp_path):
+    path = tmp_path / "t.json"
+    save_table(learn_table([table], GRID, trials=5), path)
+    path.write_bytes(path.read_bytes().replace(b"error", b"\xff"))
+
+    with pytest.raises(InputError, match=r"t\.json: not a table of targets"):
+        load_table(path)
+
+
 def test_a_file_that_is_not_there_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"none\.json: cannot read"):
         load_table(tmp_path / "none.json")

@@ -297,6 +297,15 @@ def test_a_recording_without_labelled_taps_says_so(fake_rig, tmp_path):
         load_taps(path)
 
 
+def test_a_message_of_lists_in_lists_is_damaged(fake_rig, tmp_path):
+    path, deep = tmp_path / "deep.mcap", b"[" * 200_000 + b"]" * 200_000
+    with Recorder.create(path, about_rig(fake_rig.fake_settings())) as recorder:
+        recorder._keep("/event", 0, b'{"time_s": 1, "kind": "", "text": "", "details": {"a": %s}}' % deep)
+
+    with pytest.raises(InputError, match="no accepted, labelled tap; 1 message before is damaged"):
+        load_taps(path)
+
+
 def test_files_that_cannot_be_read_are_named(tmp_path, made):
     with pytest.raises(InputError, match=r"gone\.mcap: cannot read: No such file"):
         load_taps(tmp_path / "gone.mcap")

@@ -104,6 +104,19 @@ def test_a_file_that_crashes_its_library_is_refused(tmp_path):
         load_taps(path)
 
 
+def test_a_store_that_hangs_its_library_is_refused(make_taps, tmp_path):
+    """Zarr 3.1 makes as many texts as a chunk says that it holds."""
+    path = tmp_path / "taps.zarr"
+    dataset = make_taps(repeats=1).dataset
+    dataset = dataset.assign_coords(what_name=dataset["what_name"].astype(object))
+    dataset.to_zarr(path, encoding={"what_name": {"compressors": None}}, consolidated=False)
+    (chunk,) = (path / "what_name" / "c").iterdir()
+    chunk.write_bytes(b"\xff\xff\xff\x7f" + chunk.read_bytes()[4:])
+
+    with pytest.raises(InputError, match=r"taps\.zarr: reading it takes (more than 1\.\d+ GB of memory|longer)"):
+        load_taps(path)
+
+
 def test_all_of_a_matlab_file_comes_through(tmp_path):
     path = tmp_path / "taps.mat"
     values = {"file": np.eye(3), "z": np.array([[1j]]), "s": {"a": 1}, "names": np.array(["a", "bb"], dtype=object)}
@@ -163,9 +176,9 @@ DEEDS = {
 @pytest.fixture
 def try_file(tmp_path, starts, monkeypatch):
     """What reads a file that is a program, by running it in another process."""
-    (tmp_path / "readers").mkdir()
+    (tmp_path / "readers/isolated").mkdir(parents=True)
     reader = "import os, time\nfrom pathlib import Path\ndef read(path): exec(Path(path).read_text())\n"
-    (tmp_path / "readers/programs.py").write_text(reader)
+    (tmp_path / "readers/isolated/programs.py").write_text(reader)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     monkeypatch.setattr(untrusted, "__package__", "readers")
     monkeypatch.setattr(untrusted, "_SECONDS", 1)

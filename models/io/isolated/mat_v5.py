@@ -1,4 +1,4 @@
-"""Unpacks a MATLAB file of version 5 to 7 into an archive of NumPy; in a process of its own, as SciPy may crash."""
+"""Unpacks a MATLAB file of version 5 to 7 into an archive of NumPy, as SciPy may crash."""
 
 import zipfile
 from typing import Any

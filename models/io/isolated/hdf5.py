@@ -1,4 +1,4 @@
-"""Reads all of an HDF5 file, but for large arrays, to find out whether that crashes or hangs; a process of its own."""
+"""Reads all of an HDF5 file, but for large arrays, to find out whether that crashes or hangs."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
