@@ -93,7 +93,7 @@ strategy-studies: $(VENV)/.ready-run
 fuzz: $(VENV)/.ready-run
 	@$(PY) -m benchmarks.checks.fuzz
 	@$(PY) -m benchmarks.checks.fuzz_files $(if $(FILES),--files $(FILES))
-	@$(PY) -m benchmarks.checks.fuzz_commands
+	@$(PY) -m benchmarks.checks.fuzz_commands $(if $(LINES),--lines $(LINES))
 
 faults: $(VENV)/.ready-run
 	@$(PY) -m benchmarks.checks.faults
@@ -143,7 +143,7 @@ help:
 	@echo "make kills   kill data collections and all long commands at random moments, fill their disks, start them twice; an hour"
 	@echo "make mutants  plant small errors and count those that tests notice, into docs/explanation/mutants.md; hours, resumes"
 	@echo "make house   print sizes and shape of the code; VERSION=REVISION measures another version, as far as nothing has to run"
-	@echo "make fuzz    feed the decoders a million random and mutated inputs, the readers 1000 damaged files of each format, the commands 1000 damaged lines"
+	@echo "make fuzz    feed the decoders a million random and mutated inputs, the readers 1000 damaged files of each format (FILES=), the commands 10 damaged lines of each of 29 (LINES=)"
 	@echo "make lock    pin the newest dependencies in constraints.txt"
 	@echo "make clean   remove generated files"
 

@@ -85,6 +85,12 @@ def table_rows(text: str) -> dict[str, list[str]]:
     return {line[0]: line for line in lines[2:]}
 
 
+def write_rows(document: Path | None, name: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    """Writes a table as a block; lines of what these rows do not name in their first cell stay as they are."""
+    kept = table_rows(block_of(document, name))
+    write_block(document, name, table(head, (kept | {row[0]: list(row) for row in rows}).values()))
+
+
 def publish(figure: Any, document: Path, name: str) -> None:
     """Writes a figure beside what was measured, and as `images/NAME.svg` beside the page."""
     OUT.mkdir(parents=True, exist_ok=True)

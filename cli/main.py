@@ -1,5 +1,6 @@
 """The command `solidtouch`."""
 
+import errno
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -34,6 +35,7 @@ with loading():
     from .tune import tune
     from .validate import validate
 
+_NO_PATH = (errno.EACCES, errno.ELOOP, errno.ENAMETOOLONG)  # of a path that cannot even be looked at
 _FINGER = "Finger "  # begins a note of `hardware.rig.open_rig`
 app = typer.Typer(
     name="solidtouch",
@@ -124,6 +126,10 @@ def run() -> None:
         _refuse(error, 2)
     except MemoryError as error:
         _refuse(f"not enough memory ({error}).", 2)
+    except OSError as error:
+        if error.errno not in _NO_PATH or error.filename is None:
+            raise
+        _refuse(f"{error.filename}: {error.strerror}.", 2)
     except ArithmeticError as error:
         from ..inference.reference import ZeroEvidenceError
 

@@ -16,6 +16,7 @@ import traceback
 import zipfile
 import zlib
 from collections import Counter
+from contextlib import suppress
 from pathlib import Path
 from pkgutil import resolve_name
 from queue import Empty, Queue
@@ -25,7 +26,7 @@ from typing import Any
 
 from solidtouch.models.errors import InputError
 
-from benchmarks.page import table
+from benchmarks.page import check_block, table, write_rows
 
 READERS = {
     "model": "solidtouch.models.io.model_file:load_model",
@@ -42,7 +43,7 @@ READERS = {
 }
 """Of formats that are no taps."""
 ENDS = ("accepted", "refused", "traceback", "crash", "hang", "memory")
-_SECONDS, _BYTES, _START = 10.0, 1 << 30, 120.0
+_SECONDS, _BYTES, _START, _LOOK = 10.0, 1 << 30, 120.0, 0.1
 _EXTREMES = ("1e308", "-1", "nan", "1e-320", "9" * 400, "0", "", "1" * 18, "[", '"', "true")
 _NUMBER = re.compile(rb"-?\d+(?:\.\d+)?")
 
@@ -160,7 +161,8 @@ class ReadingProcess:
         self._process: Any = subprocess.Popen(command, **how)  # noqa: S603
         self._lines: Queue[str] = Queue()
         Thread(target=self._listen, daemon=True).start()
-        self._answer(_START)
+        if (end := self._answer(_START)) != "ready":
+            raise RuntimeError(f"the reader of {name} does not start: {end}")
 
     def _listen(self) -> None:
         for line in self._process.stdout:
@@ -168,10 +170,10 @@ class ReadingProcess:
         self._lines.put("crash")
 
     def _answer(self, seconds: float) -> str:
-        try:
-            return self._lines.get(timeout=seconds)
-        except Empty:
-            return "hang"
+        for _ in range(round(seconds / _LOOK)):  # counted, as a computer that sleeps meanwhile is no hang
+            with suppress(Empty):
+                return self._lines.get(timeout=_LOOK)
+        return "hang"
 
     def read(self, path: Path) -> str:
         """How reading a file ended, one of `ENDS`, for a traceback with what was raised."""
@@ -242,10 +244,12 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0, help="random seed")
     parser.add_argument("--kept", type=Path, default=Path("fuzzed"), help="folder for files that were not read well")
     parser.add_argument("--read", help=argparse.SUPPRESS)
+    parser.add_argument("--document", type=Path, help="page whose table to update")
     arguments = parser.parse_args()
     if arguments.read:
         answer(arguments.read)
         return 0
+    check_block(arguments.document, "files")
     from benchmarks.checks.fuzz_sources import write_files  # noqa: PLC0415 - what this imports readers do without
 
     with TemporaryDirectory() as folder:
@@ -253,7 +257,9 @@ def main() -> int:
         names = arguments.formats.split(",") if arguments.formats else list(files)
         generator = random.Random(arguments.seed)  # noqa: S311 - no secret
         ends = {name: fuzz(name, files[name], arguments.files, generator, arguments.kept) for name in names}
-    print(table(("format", *ENDS), [(name, *(str(counts[end]) for end in ENDS)) for name, counts in ends.items()]))
+    rows = [(name, *(str(counts[end]) for end in ENDS)) for name, counts in ends.items()]
+    print(table(("format", *ENDS), rows))
+    write_rows(arguments.document, "files", ("format", *ENDS), rows)
     return int(any(counts[end] for counts in ends.values() for end in ENDS[2:]))
 
 

@@ -3,6 +3,7 @@
 import random
 import sys
 from operator import ne
+from pathlib import Path
 
 import pytest
 from solidtouch.hardware.recording.recording import Recorder
@@ -10,7 +11,8 @@ from solidtouch.hardware.recording.settings import about_rig
 from solidtouch.models.io.rig_reader import RecordingReader
 from solidtouch.models.setting_file import Setting
 
-from benchmarks.checks import fuzz_files
+from benchmarks.checks import fuzz_commands, fuzz_files
+from benchmarks.page import check_block
 
 
 def dice(seed):
@@ -92,3 +94,18 @@ def test_bad_ends_are_counted_and_their_files_kept(tmp_path, monkeypatch):
         "csv-2-hang.csv",
         "csv-3-hang.csv",
     ]
+
+
+def test_the_tables_have_a_place_in_the_page():
+    check_block(Path(__file__).parents[2] / "docs/reference/results.md", "files", "commands")
+
+
+def test_lines_change_in_words_and_options_of_their_command():
+    known = fuzz_commands.options()
+    words = ["emulate", "object", "bench", "2"]
+    lines = [fuzz_commands.mutated(words, dice(seed), known) for seed in range(200)]
+
+    assert all(line.split()[0] in known for line in fuzz_commands.LINES)
+    assert len(set(map(tuple, lines)) - {tuple(words)}) > 150
+    assert any("--help" in line for line in lines)
+    assert fuzz_commands.mutated(words, dice(1), known) == fuzz_commands.mutated(words, dice(1), known)

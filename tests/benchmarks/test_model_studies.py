@@ -10,7 +10,7 @@ from solidtouch.hardware.simulator.settings import preset
 from solidtouch.models.measurement.registry import fit_model
 from solidtouch.models.settings import FitSettings
 
-from benchmarks.page import check_block, publish, write_block
+from benchmarks.page import check_block, publish, write_block, write_rows
 from benchmarks.studies.models import figures, plates, recovery, sbc, session_states, sessions
 from benchmarks.study import until_interrupted
 
@@ -280,6 +280,22 @@ def test_an_interrupted_study_keeps_what_is_finished(capsys):
 
     assert list(until_interrupted("name", [lambda: 1, lambda: 2, stop, lambda: 3])) == [1, 2]
     assert "Interrupted" in capsys.readouterr().err
+
+
+def test_rows_of_a_table_are_replaced_by_name(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text("# x\n<!-- begin a -->\n<!-- end a -->\nrest\n", encoding="utf-8")
+    write_rows(page, "a", ("name", "n"), [("one", "1"), ("two", "2")])
+    write_rows(page, "a", ("name", "n"), [("two", "3"), ("three", "4")])
+
+    assert page.read_text(encoding="utf-8").splitlines()[1:-2] == [
+        "<!-- begin a -->",
+        "| name | n |",
+        "| --- | --- |",
+        "| one | 1 |",
+        "| two | 3 |",
+        "| three | 4 |",
+    ]
 
 
 def test_the_page_has_a_place_for_every_study():

@@ -1,6 +1,7 @@
 """What every command says to good and bad input."""
 
 import importlib
+import re
 import subprocess
 import sys
 from inspect import signature
@@ -494,3 +495,14 @@ def test_a_preview_takes_less_of_everything(command, monkeypatch, taps_file, nam
     full, quick, small = ({option: settings[option] for option in given} for settings in seen)
     assert all(full[option] > quick[option] for option in given)
     assert (quick, small) == (given, least)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [("inspect",), ("fit", "--out", "m.nc"), ("export-model", "--format", "json", "--out", "m.json"), ("rig", "check")],
+)
+def test_a_name_that_no_file_can_have_is_refused(command, words):
+    done = command(*words, "9" * 400)
+
+    assert done.code == 2
+    assert re.search(r"^solidtouch: (--\w+ )?9{400}: (cannot read: )?(File name too long|no such file)", done.err), done.err
