@@ -215,19 +215,21 @@ def run(number: int, seed: int, minutes: float = math.inf) -> tuple[dict[str, Co
     generator = random.Random(seed)  # noqa: S311 - no secret
     counts: dict[str, Counter[str]] = {}
     wrong = []
-    with tempfile.TemporaryDirectory() as whole, tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as whole, tempfile.TemporaryDirectory() as place:
         write_inputs(Path(whole))
-        known = options()
+        known, bench = options(), Path(place, "bench")
         todo = [line for _ in range(number) for line in LINES]
-        with emulated_bench(Path(folder, "bench")) as start:
+        with emulated_bench(bench) as start:
             for line in track(todo, description="Calling", console=Console(stderr=True)):
                 if time.monotonic() > end_s:
                     break
                 words = mutated(line.split(), generator, known)
-                shutil.copytree(whole, folder, dirs_exist_ok=True)
                 if "bench" in line:
                     start()
-                end, said = ended(words, Path(folder))
+                with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+                    shutil.copytree(whole, folder, dirs_exist_ok=True)
+                    Path(folder, "bench").symlink_to(bench)
+                    end, said = ended(words, Path(folder))
                 counts.setdefault(line.split()[0], Counter())[end] += 1
                 if end in ("traceback", "crash", "memory"):
                     wrong.append(f"{end}: {words!r}: {said[-600:]}")

@@ -43,7 +43,7 @@ READERS = {
 }
 """Of formats that are no taps."""
 ENDS = ("accepted", "refused", "traceback", "crash", "hang", "memory")
-_SECONDS, _BYTES, _START, _LOOK = 10.0, 1 << 30, 120.0, 0.1
+_BYTES, _START, _LOOK = 1 << 30, 120.0, 0.1
 _EXTREMES = ("1e308", "-1", "nan", "1e-320", "9" * 400, "0", "", "1" * 18, "[", '"', "true")
 _NUMBER = re.compile(rb"-?\d+(?:\.\d+)?")
 
@@ -153,9 +153,10 @@ def damage_recording(source: Path, target: Path, generator: random.Random) -> No
 
 
 class ReadingProcess:
-    """A process that reads files of a format and is replaced when it fails."""
+    """A process that reads files of a format, each in so many seconds, and is replaced when it fails."""
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, seconds: float) -> None:
+        self._seconds = seconds
         command = [sys.executable, "-m", "benchmarks.checks.fuzz_files", "--read", name]
         how: Any = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL, "text": True}
         self._process: Any = subprocess.Popen(command, **how)  # noqa: S603
@@ -179,7 +180,7 @@ class ReadingProcess:
         """How reading a file ended, one of `ENDS`, for a traceback with what was raised."""
         self._process.stdin.write(f"{path}\n")
         self._process.stdin.flush()
-        return self._answer(_SECONDS)
+        return self._answer(self._seconds)
 
     def close(self) -> None:
         """Ends the process."""
@@ -210,10 +211,12 @@ def _peak() -> int:
     return 1024 * int(own[1]) if own else 0
 
 
-def fuzz(name: str, source: Path, number: int, generator: random.Random, kept: Path) -> Counter[str]:
+def fuzz(
+    name: str, source: Path, number: int, generator: random.Random, kept: Path, seconds: float = 10.0
+) -> Counter[str]:
     """How reading that many damaged files of a format ended; the files of bad ends are kept."""
     ends: Counter[str] = Counter()
-    process = ReadingProcess(name)
+    process = ReadingProcess(name, seconds)
     try:
         for i in range(number):
             case = source.with_name(f"case-{i}{source.suffix}")
@@ -230,7 +233,7 @@ def fuzz(name: str, source: Path, number: int, generator: random.Random, kept: P
                 case.unlink()
             if end in ("crash", "hang", "memory"):
                 process.close()
-                process = ReadingProcess(name)
+                process = ReadingProcess(name, seconds)
     finally:
         process.close()
     return ends
@@ -241,6 +244,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--files", type=int, default=1_000, help="number of files of each format")
     parser.add_argument("--formats", help="formats, separated by commas; default: all")
+    parser.add_argument("--seconds", type=float, default=10.0, help="most of a file; more where other programs work")
     parser.add_argument("--seed", type=int, default=0, help="random seed")
     parser.add_argument("--kept", type=Path, default=Path("fuzzed"), help="folder for files that were not read well")
     parser.add_argument("--read", help=argparse.SUPPRESS)
@@ -256,7 +260,10 @@ def main() -> int:
         files = write_files(Path(folder))
         names = arguments.formats.split(",") if arguments.formats else list(files)
         generator = random.Random(arguments.seed)  # noqa: S311 - no secret
-        ends = {name: fuzz(name, files[name], arguments.files, generator, arguments.kept) for name in names}
+        ends = {
+            name: fuzz(name, files[name], arguments.files, generator, arguments.kept, arguments.seconds)
+            for name in names
+        }
     rows = [(name, *(str(counts[end]) for end in ENDS)) for name, counts in ends.items()]
     print(table(("format", *ENDS), rows))
     write_rows(arguments.document, "files", ("format", *ENDS), rows)

@@ -83,9 +83,8 @@ def test_bad_ends_are_counted_and_their_files_kept(tmp_path, monkeypatch):
     )
     script.chmod(0o755)
     monkeypatch.setattr(fuzz_files.sys, "executable", str(script))
-    monkeypatch.setattr(fuzz_files, "_SECONDS", 0.2)
     (tmp_path / "taps.csv").write_bytes(CONTENT)
-    ends = fuzz_files.fuzz("csv", tmp_path / "taps.csv", 4, dice(4), tmp_path / "kept")
+    ends = fuzz_files.fuzz("csv", tmp_path / "taps.csv", 4, dice(4), tmp_path / "kept", 0.2)
 
     assert ends == {"traceback": 1, "crash": 1, "hang": 2}
     assert sorted(path.name for path in (tmp_path / "kept").iterdir()) == [

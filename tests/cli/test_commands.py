@@ -505,4 +505,6 @@ def test_a_name_that_no_file_can_have_is_refused(command, words):
     done = command(*words, "9" * 400)
 
     assert done.code == 2
-    assert re.search(r"^solidtouch: (--\w+ )?9{400}: (cannot read: )?(File name too long|no such file)", done.err), done.err
+    assert re.search(r"^solidtouch: (--\w+ )?9{400}: (cannot read: )?(File name too long|no such file)", done.err), (
+        done.err
+    )
