@@ -30,7 +30,8 @@ _ANSWER = re.compile(rb"(ok|error:\d+|\])\r\n$")
 _REPORT = re.compile(rb"<(\w+).*\|MPos:([-0-9.,]+).*>\r\n$")
 _BANNER = re.compile(rb"help\]\r\n")
 _AVR = ("avr/io", "avr/interrupt", "avr/pgmspace", "avr/wdt", "util/delay")
-_STATE = struct.Struct("=4i")
+_STATE = struct.Struct("=4iQ")
+_TICKS_PER_S = 16e6
 _EEPROM = 1024
 
 
@@ -78,7 +79,7 @@ class Board:
             self._state = mmap.mmap(file.fileno(), 0)
         self._terminal = PseudoTerminal(folder / "stage")
         self._process = None
-        self.clock = BoardClock(speed)
+        self.clock = BoardClock(self._state, speed)
         self.line = WireOfBoard(str(folder / "stage"))
         self.line.keep()
         self.start()
@@ -91,7 +92,8 @@ class Board:
     def start(self):
         """Switches it on, or off and on, with the stage in its place before homing."""
         self.stop()
-        self._state[: _STATE.size] = _STATE.pack(*(round(STEPS_PER_MM * mm) for mm in UNHOMED_MM), 0)
+        self.clock.restart()
+        self._state[: _STATE.size] = _STATE.pack(*(round(STEPS_PER_MM * mm) for mm in UNHOMED_MM), 0, 0)
         pipe = self._terminal.fileno()
         command = [self._program, str(self._speed), str(TRAVEL_MM * STEPS_PER_MM), self._file]
         self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe)
@@ -156,16 +158,21 @@ class Board:
 
 
 class BoardClock(HostClock):
-    """Time of a board."""
+    """Time of a board, which a busy computer slows."""
 
-    def __init__(self, speed):
-        self._speed = speed
+    def __init__(self, state, speed):
+        self._state, self._speed, self._before_s = state, speed, 0.0
 
     def now(self):
-        return super().now() * self._speed
+        return self._before_s + _STATE.unpack_from(self._state)[4] / _TICKS_PER_S
+
+    def restart(self):
+        """Goes on from here when the board starts anew."""
+        self._before_s = self.now()
 
     def wait(self, ports, until):
-        super().wait(ports, until / self._speed)
+        while (left_s := until - self.now()) > 0 and not any(port.waiting() for port in ports):
+            super().wait(ports, super().now() + min(left_s / self._speed, 0.01))
 
 
 class WireOfBoard(Wire, Port):

@@ -1,7 +1,7 @@
 /* A board with a stage around GRBL's own sources: timer, serial line and limit switches.
 
    board SPEED TRAVEL STATE: SPEED is time of the board per time of the host, TRAVEL that of each axis in steps, STATE a
-   file that is kept when the power is off: position in steps and switches pressed by hand (struct stage). The serial
+   file that is kept when the power is off: position in steps, switches pressed by hand, and time (struct stage). The serial
    line, at 115200 baud, is the standard input and output. A switch closes at either end of the travel, 0 and -TRAVEL.
 
    Interrupts are run by a signal on the thread of the main program, so that they interrupt it as on the processor. */
@@ -27,6 +27,7 @@ uint8_t __real_serial_read(void);
 
 static struct stage {
     volatile int32_t place[N_AXIS], pressed;
+    volatile uint64_t now;
     unsigned char eeprom[1024];
 } *stage;
 static double ticks_per_ns;
@@ -93,7 +94,7 @@ static void run(int signal)
             out[written++] = UDR0, sent = now;
         }
     }
-    now = max(now, end);
+    stage->now = now = max(now, end);
     if (write(1, out, written) < 0) written = 0; /* nobody reads */
     SREG |= 0x80;
     interrupted = false;

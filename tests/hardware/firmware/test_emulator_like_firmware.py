@@ -112,7 +112,7 @@ def test_a_sequence_is_answered_so(fast, name):
         firmware, emulated = pair.say(data)
         assert firmware == emulated, data
     firmware, emulated = pair.places()
-    assert firmware == pytest.approx(emulated, abs=0.1)
+    assert firmware == pytest.approx(emulated, abs=0.5)  # of a move that something stopped
 
 
 def test_damaged_lines_are_answered_so(fast):
@@ -123,7 +123,7 @@ def test_damaged_lines_are_answered_so(fast):
     for data in [line for line in lines if not REAL_TIME & set(line)][::STRIDE]:
         pair = Pair(fast)
         pair.say(b"G80G21\n", 0.3)
-        answers = [pair.say(data, 3.0), pair.say(b"\n", 0.3), pair.say(b"$G\n", 0.3), pair.say(b"?", 0.3)]
+        answers = [pair.say(data, 4.0), pair.say(b"\n", 0.3), pair.say(b"$G\n", 0.3), pair.say(b"?", 0.3)]
         states = [answer.partition(b"|")[0] for answer in answers.pop()]
         same = all(firmware == emulated for firmware, emulated in (*answers, states))
         if same and states[0] == b"<Idle":
