@@ -8,7 +8,7 @@ from functools import cache
 from importlib.metadata import version as installed_version
 from typing import Annotated, Any, NoReturn
 
-from .shared.interrupt import INTERRUPTED, MESSAGE, TERMINATED, loading, repeated
+from .shared.interrupt import INTERRUPTED, MESSAGE, TERMINATED, loading, repeated, terminable
 from .shared.process import collect_seldom, keep_programs, leave
 
 with loading():
@@ -116,7 +116,7 @@ def run() -> None:
         from ..inference.engines.shadow import EnginesDisagree
 
     try:
-        with _without_dask(), repeated():
+        with _without_dask(), repeated(), terminable():
             _command()()
     except EnginesDisagree as error:
         _refuse(error, 1)

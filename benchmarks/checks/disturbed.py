@@ -122,7 +122,7 @@ class Trial:
                 self._note(kind, "ended before")
             elif code in _CODES[number]:
                 self.outcome.slowest_s = max(self.outcome.slowest_s, took)
-            else:
+            elif not _loading(said):
                 self._object(kind, f"exit code {code}: {said[-300:]}")
             if took > _SOON_S:
                 self._object(kind, f"ended only after {took:.1f} s")

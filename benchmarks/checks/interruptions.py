@@ -46,7 +46,7 @@ COMMANDS = {
         "out",
     ),
     "strategies": Tried(
-        ("strategies", "--presets", "ideal", "--data-sets", "1", "--trials", "20", "--no-regret", "--out", "out"), "out"
+        ("strategies", "--presets", "ideal", "--data-sets", "2", "--trials", "50", "--no-regret", "--out", "out"), "out"
     ),
     "sweep": Tried(("sweep", "study.toml", "--out", "out.zarr"), "out.zarr", resumes=True),
     "convert": Tried(("convert", "large.npz", "out.nc"), "out.nc"),

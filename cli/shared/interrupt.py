@@ -16,20 +16,21 @@ _AGAIN_S = 0.05
 
 @contextmanager
 def loading() -> Iterator[None]:
-    """Exits at once on Ctrl-C inside the block, in which imports run and nothing is written.
+    """Exits at once on Ctrl-C or SIGTERM inside the block, in which imports run and nothing is written.
 
     An exception would be raised inside the library being imported, which may swallow it or abort.
     """
-    before = signal.signal(signal.SIGINT, _end)
+    before = {number: signal.signal(number, _end) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _end(signum: int, frame: FrameType | None) -> None:  # noqa: ARG001 - the signature of a signal handler
     print(MESSAGE, file=sys.stderr, flush=True)
-    os._exit(INTERRUPTED)
+    os._exit(INTERRUPTED if signum == signal.SIGINT else TERMINATED)
 
 
 class _Interrupted(KeyboardInterrupt):

@@ -5,10 +5,12 @@ import signal
 import time
 
 import pytest
+from solidtouch.cli.main import app
+from typer.main import get_command
 
 from benchmarks.checks import disturbed
 from benchmarks.checks.disturbed import Outcome, Trial, Tried
-from benchmarks.checks.interruptions import outcome_table
+from benchmarks.checks.interruptions import COMMANDS, outcome_table
 from benchmarks.page import block_of, table_rows, write_block
 
 WHOLE = "import pathlib, sys; pathlib.Path(sys.argv[1]).write_text('0123456789')"
@@ -78,3 +80,9 @@ def test_rows_of_other_commands_stay_on_the_page(tmp_path):
         write_block(page, "interruptions", outcome_table({name: Outcome(slowest_s=seconds)}, kept))
     rows = table_rows(block_of(page, "interruptions"))
     assert [(row[0], row[5]) for row in rows.values()] == [("`sweep`", "2.0 s"), ("`convert`", "3.0 s")]
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_command_lines_are_valid(name):
+    """Found before an hour has gone into the commands before it."""
+    get_command(app).commands[name].make_context(name, list(COMMANDS[name].words[1:]))

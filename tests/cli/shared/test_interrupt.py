@@ -7,6 +7,7 @@ import time
 import weakref
 from contextlib import suppress
 
+import numpy as np
 import pytest
 from solidtouch.cli import main
 from solidtouch.cli.shared.interrupt import ended_by_interrupt, repeated, terminable
@@ -120,3 +121,15 @@ def test_an_interrupt_before_a_command_is_found_says_so(monkeypatch, capsys):
 
     assert stopped.value.code == 130
     assert capsys.readouterr().err == "solidtouch: interrupted; all files written are complete.\n"
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_while_a_file_is_written_leaves_nothing(number, code, command, tmp_path, monkeypatch):
+    """Of any command; SIGTERM alone would end the program at once."""
+    taps = tmp_path / "taps.npz"
+    np.savez(taps, taps=np.zeros((4, 5, 2)), what=np.arange(4) % 2, what_names=np.array(["a", "b"]))
+    monkeypatch.setattr("solidtouch.models.storage.Path.chmod", lambda *_: signal.raise_signal(number))
+
+    done = command("convert", taps, tmp_path / "out.nc")
+
+    assert (done.code, [path.name for path in tmp_path.iterdir()]) == (code, ["taps.npz"])
