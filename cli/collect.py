@@ -9,7 +9,7 @@ import typer
 
 from ..models.errors import InputError
 from .shared.homing import Home, Yes, confirm_homing
-from .shared.interrupt import loading, terminable
+from .shared.interrupt import loading
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -57,37 +57,36 @@ def collect(
     about = about_rig(settings, read_settings(rig_file), plan)
     taps = list(plan.taps())
     console = Console(stderr=True)
-    with terminable():
-        trials: frozenset[int] = frozenset()
-        if resume:
-            recorder, trials, lost = resume_recording(out, about)
-            if lost:
-                console.print(f"{out}: {lost}; earlier taps are kept.", highlight=False, markup=False)
+    trials: frozenset[int] = frozenset()
+    if resume:
+        recorder, trials, lost = resume_recording(out, about)
+        if lost:
+            console.print(f"{out}: {lost}; earlier taps are kept.", highlight=False, markup=False)
+    else:
+        recorder = Recorder.create(out, about)
+    left = [tap for tap in taps if tap.trial not in trials]
+    try:
+        with recorder:
+            check_space(out, space_needed(len(left), settings))
+            if left:
+                console.print(f"Connecting to {settings.name}; the finger must touch nothing.", highlight=False)
+                with (
+                    open_rig(settings, recorder, home=home) as rig,
+                    _progress(console, len(trials), len(taps)) as advance,
+                ):
+                    operator = _operator(rig, console)
+                    collect_taps(rig, left, plan.objects, plan.settle_taps, operator, recorder, advance)
+    except BaseException:
+        if resume or recorder.presses:
+            kept = len(trials) + recorder.taps
+            console.print(
+                f"{out}: {kept} of {len(taps)} taps recorded; continue with --resume.",
+                highlight=False,
+                markup=False,
+            )
         else:
-            recorder = Recorder.create(out, about)
-        left = [tap for tap in taps if tap.trial not in trials]
-        try:
-            with recorder:
-                check_space(out, space_needed(len(left), settings))
-                if left:
-                    console.print(f"Connecting to {settings.name}; the finger must touch nothing.", highlight=False)
-                    with (
-                        open_rig(settings, recorder, home=home) as rig,
-                        _progress(console, len(trials), len(taps)) as advance,
-                    ):
-                        operator = _operator(rig, console)
-                        collect_taps(rig, left, plan.objects, plan.settle_taps, operator, recorder, advance)
-        except BaseException:
-            if resume or recorder.presses:
-                kept = len(trials) + recorder.taps
-                console.print(
-                    f"{out}: {kept} of {len(taps)} taps recorded; continue with --resume.",
-                    highlight=False,
-                    markup=False,
-                )
-            else:
-                out.unlink(missing_ok=True)
-            raise
+            out.unlink(missing_ok=True)
+        raise
     typer.echo(f"{out}: {len(taps)} taps; convert them with `solidtouch convert {out} TAPS.nc`.")
 
 

@@ -7,7 +7,7 @@ import typer
 from typer import Argument, Option
 
 from ..models.errors import InputError
-from .shared.interrupt import loading, terminable
+from .shared.interrupt import loading
 from .shared.options import Force
 
 if TYPE_CHECKING:
@@ -116,7 +116,7 @@ def check(
 
     if (command is None) == (answers is None):
         raise InputError("Give either --command PROGRAM or --answers DIR.")
-    with terminable(), bars() as progress:
+    with bars() as progress:
         if answers is not None:
             report = run_files(answers, case or (), precision=precision, without=without or (), progress=progress)
         else:

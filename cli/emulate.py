@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from ..models.errors import InputError
-from .shared.interrupt import ended_by_interrupt, loading, terminable
+from .shared.interrupt import ended_by_interrupt, loading
 
 if TYPE_CHECKING:
     from ..hardware.emulator.faults import Switches
@@ -81,7 +81,6 @@ def emulate(
     for words in fault or ():
         switch_on(switches, words)
     with (
-        terminable(),
         emulated_bench(
             out,
             settings,

@@ -10,7 +10,7 @@ from typer import Argument, Context, Option
 from ..models.errors import InputError
 from ..models.settings import PlaySettings
 from .shared.homing import Home, Yes, confirm_homing
-from .shared.interrupt import loading, terminable
+from .shared.interrupt import loading
 from .shared.options import Fields, Force, Missing, SettingFile, Story, TrainingTaps, given, merged, spelled_out
 from .shared.recording import check_record, kept, recording
 from .shared.untrained import untrained
@@ -168,7 +168,6 @@ def perceive(
     timed = TimedEngine(engines)
     endings: list[Ending] = []
     with (
-        terminable(),
         recording(record, rig, fitted.grid, what, episodes * play.deadline, force) as recorder,
         show(as_json) as shown,
     ):

@@ -7,7 +7,7 @@ import typer
 
 from ..models.errors import InputError
 from .shared.homing import Home, Yes, confirm_homing
-from .shared.interrupt import loading, terminable
+from .shared.interrupt import loading
 
 app = typer.Typer(help="Check the devices of a rig.", no_args_is_help=True)
 
@@ -43,7 +43,6 @@ def check(
     confirm_homing(rig_file, home, yes)
     console = Console()
     with (
-        terminable(),
         unconnected(settings, NoJournal()) as rig,
         Console(stderr=True).status(f"Reading the sensor for {seconds:g} s ..."),
     ):
@@ -84,7 +83,6 @@ def approach(
         raise InputError(f"--at {x_mm:g} is outside the range, {limits.start_mm:g} to {limits.end_mm:g} mm.")
     confirm_homing(rig_file, home, yes)
     with (
-        terminable(),
         unconnected(settings, NoJournal()) as rig,
         Console(stderr=True).status(f"Approaching at {SLOW_MM_S:g} mm/s ..."),
     ):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ..analysis.tasks.crew import PATIENCE_S
-from .shared.interrupt import loading, terminable
+from .shared.interrupt import loading
 from .shared.options import Patience, Scheduler
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ def sweep(
 
     console = Console(stderr=True)
     say = partial(console.print, highlight=False, markup=False)
-    with terminable(), _progress(console) as (hear, heard):
+    with _progress(console) as (hear, heard):
         try:
             report = run_sweep(
                 study,

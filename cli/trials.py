@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal, Self
 from typer import Argument, Option
 
 from ..models.settings import PlaySettings
-from .shared.interrupt import loading, terminable
+from .shared.interrupt import loading
 from .shared.options import (
     Fields,
     Force,
@@ -68,7 +68,7 @@ def trials(
         from ..analysis.trials.report import trials as run
         from ..models.splits import parse_sessions
 
-    with terminable(), _Shown() as shown:
+    with _Shown() as shown:
         try:
             run(
                 model,

@@ -9,7 +9,7 @@ from typer import Context, Option
 from ..models.errors import InputError
 from ..models.settings import Division, FitSettings, PlaySettings
 from .shared.homing import Home, Yes, confirm_homing
-from .shared.interrupt import loading, terminable
+from .shared.interrupt import loading
 from .shared.options import (
     DIVIDED,
     Data,
@@ -108,7 +108,7 @@ def tune(
     check_training_taps(training_taps, rig)
     chosen = {"model": model, "division": division, "fit": fit, "play": play, "cost_error": cost_error, "wrong": wrong}
     common: dict[str, Any] = {**chosen, "thresholds": theta, "seed": seed}
-    with terminable(), bars() as progress:
+    with bars() as progress:
         told: dict[str, Any] = {"progress": progress, "note": _print_note}
         if online is None:
             report = study(*data, **common, **told, target_error=target_error, by=by, trials=trials)
