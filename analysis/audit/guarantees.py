@@ -213,29 +213,22 @@ def guarantee_sentence(data: xr.Dataset) -> str:
 def _counts(M: int, trials: Trials, plan: TrialPlan) -> dict[str, NDArray[np.float64]]:
     """Trials with each object: all, stopped, stopped for another, doubt of the stopped, taps of all; (H, M, 5)."""
     counts = np.zeros((trials.taps.shape[1], M, 5))
-    _add(plan.what, trials.taps, trials.stopped, trials.what, trials.belief, counts)
+    _add(trials, plan.what, counts)
     return {"counts": counts}
 
 
 @compiled
-def _add(
-    true: NDArray[np.intp],
-    taps: NDArray[np.int64],
-    stopped: NDArray[np.bool_],
-    what: NDArray[np.int64],
-    belief: NDArray[np.float64],
-    counts: NDArray[np.float64],
-) -> None:
+def _add(trials: Trials, true: NDArray[np.intp], counts: NDArray[np.float64]) -> None:
     """Adds trials up as `_counts`."""
     for i in range(len(true)):
         for h in range(len(counts)):
             cell = counts[h, true[i]]
             cell[0] += 1
-            if stopped[i, h]:
+            if trials.stopped[i, h]:
                 cell[1] += 1
-                cell[2] += what[i, h] != true[i]
-                cell[3] += min(max(1.0 - belief[i, h], 0.0), 1.0)
-            cell[4] += taps[i, h]
+                cell[2] += trials.what[i, h] != true[i]
+                cell[3] += min(max(1.0 - trials.belief[i, h], 0.0), 1.0)
+            cell[4] += trials.taps[i, h]
 
 
 def _described(counts: NDArray[np.float64], subject: Subject, trials: int) -> dict[str, NDArray[np.float64]]:

@@ -46,8 +46,8 @@ class ScoreKind(NamedTuple):
 
 LOG_PROBABILITY = ScoreKind()
 _SKEWED_FROM = 5
-_ONE_QUIET = Lock()
 """Fewest clusters of one size where correcting for skewness covers more than Student's t, widened as much, would."""
+_ONE_QUIET = Lock()
 
 
 class TapScores(NamedTuple):
