@@ -7,9 +7,7 @@ diagnostic allows, which a sample of the taps decides, and exactly where a close
 """
 
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from threading import Lock
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -47,7 +45,6 @@ class ScoreKind(NamedTuple):
 LOG_PROBABILITY = ScoreKind()
 _SKEWED_FROM = 5
 """Fewest clusters of one size where correcting for skewness covers more than Student's t, widened as much, would."""
-_ONE_QUIET = Lock()
 
 
 class TapScores(NamedTuple):
@@ -95,32 +92,21 @@ def leave_one_tap_out(fitted: Fitted, taps: TapSet, draws: int, seed: int) -> xr
     return result
 
 
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Ignores warnings, in one thread at a time: Python keeps what is ignored for all threads together."""
-    with _ONE_QUIET, warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        yield
-
-
 def _importance_sampled(
     fitted: Fitted, taps: TapSet, draws: int, seed: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
     """Log probability of each tap given the others and its Pareto k, shape (N,) both, and the largest good k."""
-    import arviz as az  # noqa: PLC0415
+    from arviz_stats.base.array import array_stats  # noqa: PLC0415
 
-    log_probability = np.empty((draws, len(taps)))
+    log_probability = np.empty((len(taps), draws))
     for i, (_, values) in enumerate(drawn(fitted, taps, draws, seed)):
-        log_probability[i] = values
-    bins = (("chain", "draw", "tap"), log_probability[None])
-    tree = xr.DataTree.from_dict({"log_likelihood": xr.Dataset({"bins": bins})})
-    with _quiet():  # of large Pareto k, which are reported one by one
-        try:
-            loo: Any = az.loo(tree, pointwise=True, reff=1.0)
-        except ValueError:  # all draws give some tap the same probability, so there is no tail to fit
-            nothing = np.full(len(taps), np.nan)
-            return nothing, nothing, GOOD_K
-    return loo.elpd_i.values, loo.pareto_k.values, min(GOOD_K, float(loo.good_k))
+        log_probability[:, i] = values
+    try:
+        elpd, pareto_k, _ = array_stats.loo(log_probability[:, None])
+    except ValueError:  # all draws give some tap the same probability, so there is no tail to fit
+        nothing = np.full(len(taps), np.nan)
+        return nothing, nothing, GOOD_K
+    return elpd, pareto_k, min(GOOD_K, 1 - 1 / float(np.log10(draws)))
 
 
 def join_scores(parts: Sequence[TapScores]) -> TapScores:
@@ -175,7 +161,8 @@ def stacked(elpd: Mapping[str, Any]) -> Any:
     import arviz as az  # noqa: PLC0415
     import scipy.optimize  # noqa: F401, PLC0415 - a library that is loaded later would use all cores and round otherwise
 
-    with one_blas_thread(), _quiet():
+    with one_blas_thread(), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
         return az.compare(elpd, method="stacking", round_to="none")
 
 

@@ -26,11 +26,12 @@ def test_tasks_that_must_run_alone_run_where_results_are_taken():
 
 def test_tasks_under_way_hear_that_nobody_wants_their_results():
     """As after Ctrl-C; otherwise whoever stops would wait for all that has begun."""
-    heard = []
+    heard, begun = [], threading.Event()
 
     def task(number):
         try:
             for _ in range(2000 if number else 0):
+                begun.set()
                 check_wanted()
                 time.sleep(0.01)
         except CancelledError:
@@ -43,6 +44,7 @@ def test_tasks_under_way_hear_that_nobody_wants_their_results():
 
     results = in_order([lambda i=i: outer(i) for i in range(9)], 2)
     assert next(results) == [0, 0]
+    assert begun.wait(60)
     results.close()
     assert heard
 
