@@ -11,13 +11,12 @@ _MOST_BYTES = 1 << 28
 
 @contextmanager
 def _tolerant() -> Iterator[None]:
-    """What Python raises is for the reader to say."""
+    """What Python raises is for the reader to say, but for a lack of memory, which HDF5 reports as an OSError."""
     try:
         yield
-    except MemoryError:
-        raise
-    except Exception:  # noqa: S110 - on damaged bytes HDF5 raises almost any exception
-        pass
+    except Exception as error:  # on damaged bytes HDF5 raises almost any exception
+        if isinstance(error, MemoryError) or "alloc" in str(error):
+            raise MemoryError from error
 
 
 def try_node(node: Any) -> None:

@@ -117,6 +117,19 @@ def test_a_store_that_hangs_its_library_is_refused(make_taps, tmp_path):
         load_taps(path)
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have other limits")
+def test_a_text_that_says_that_it_is_long_is_not_made(saved):
+    """HDF5 makes room for it before it looks whether the file has it."""
+    with h5py.File(saved) as file:
+        place = file["what_name"].id.get_offset()
+    content = bytearray(saved.read_bytes())
+    content[place : place + 4] = b"\xff\xff\xff\x7f"
+    saved.write_bytes(content)
+
+    with pytest.raises(InputError, match=r"taps\.nc: reading it takes more than 1\.\d+ GB of memory"):
+        load_taps(saved)
+
+
 def test_all_of_a_matlab_file_comes_through(tmp_path):
     path = tmp_path / "taps.mat"
     values = {"file": np.eye(3), "z": np.array([[1j]]), "s": {"a": 1}, "names": np.array(["a", "bb"], dtype=object)}
