@@ -169,11 +169,11 @@ def audit(
         permutations: Permutations of every test.
         trials: Trials of each remedy and policy.
         resamples: Of the measuring taps, for intervals.
-        replicates: Of all taps, of recordings above 256 MiB of `most_taps`, from histograms fitted to them, at most,
-            for checks of predictions.
+        replicates: Of the taps, from histograms fitted to them, at most, for checks of predictions.
         simulations: Data sets of a correct model, with which miscalibration and error bounds are compared.
         tuned_simulations: Likewise for tuned exponents; 0 skips that.
-        most_taps: Of one class and session on which independence is tested and evidence judged, at least 8.
+        most_taps: Of one class and session on which independence is tested, evidence judged and predictions checked;
+            at least 8.
         components: Whether variance components of gain and offset are sampled, which takes seconds.
         seed: Random seed.
         progress: Called with the name and size of every stage; returns the function that advances it.

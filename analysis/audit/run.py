@@ -59,8 +59,7 @@ class AuditSettings:
 
     Intervals are from so many `resamples` of the measuring taps, checks of predictions from so many `replicates`, and
     beliefs are compared with so many `simulations` of a correct model, tuned exponents with `tuned_simulations`.
-    Independence is tested, and evidence judged, on `most_taps` of a class and session at most, and so are predictions
-    checked of recordings above 256 MiB.
+    Independence is tested, evidence judged, and predictions checked on `most_taps` of a class and session at most.
     """
 
     setting: Setting = field(default_factory=Setting)
@@ -170,7 +169,7 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
                 "Sampling variance components",
                 lambda _: variance_components(taps.doubles, where * grid.M + what, taps.session, seed),
             )
-        tested, of_class = taps.select(some).taps, stratum[some]
+        tested, of_class = taps.select(some), stratum[some]
 
         def across_taxels(advance: Callable[[int], None]) -> xr.Dataset:
             local = (
@@ -178,7 +177,7 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
                 if by_session
                 else None
             )
-            whole = taxel_dependence(tested, of_class, progress=advance, **options)
+            whole = taxel_dependence(tested.taps, of_class, progress=advance, **options)
             return against_drift(whole, local, progress=advance, **options)
 
         classes = len(np.unique(stratum))
@@ -186,7 +185,7 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
         times = clock.beside(
             threads,
             "Testing times",
-            lambda advance: time_dependence(tested, of_class, progress=advance, **options),
+            lambda advance: time_dependence(tested.taps, of_class, progress=advance, **options),
             classes,
         )
         with clock.stage("Fitting remedies", count_remedies(settings.models)) as advance:
@@ -197,12 +196,11 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
         parted = clock.beside(
             threads, "Decomposing the variance", lambda _: _split(parts, grid, base, settings, suspects)
         )
-        checked = taps if taps.scanned is None else taps.select(some)  # replicates of a large recording fill memory
         checks = clock.beside(
             threads,
             "Checking predictions",
-            lambda advance: audit_checks(checked, _histograms(base.model), seed, settings.replicates, advance),
-            count_replicates(checked, settings.replicates),
+            lambda advance: audit_checks(tested, _histograms(base.model), seed, settings.replicates, advance),
+            count_replicates(tested, settings.replicates),
         )
         with clock.stage("Tuning on taps of a correct model", settings.tuned_simulations) as advance:
             own = parts.train, parts.tune, SEQUENCE, seed, advance, settings.tuned_simulations

@@ -58,6 +58,7 @@ _STYLE: dict[Any, Any] = {
     "font.family": _FONT,  # comes with matplotlib, so figures look alike everywhere
     "font.size": 8,
     "axes.titlesize": 8,
+    "axes.titley": 1.0,  # a title that looks for its place takes a quarter of the time of drawing
     "axes.labelsize": 8,
     "xtick.labelsize": 8,
     "ytick.labelsize": 8,

@@ -110,7 +110,7 @@ def split_variance(
         nothing: dict[str, Any] = {"taps": n, "classes": 0, "sessions": 0, "covariate": "", "covariate_p": np.nan}
         unknown = [np.nan] * len(named)
         nothing |= {"suspects": named, "suspect_p": unknown, "suspect_follows_order": unknown}
-        return _dataset([dict.fromkeys(_names(parts), np.nan)] * 2, parts, **nothing)
+        return _dataset(dict.fromkeys(_names(parts), np.full(2, np.nan)), parts, **nothing)
     steps = lag_steps(samples.shape[1])
     C = len(classes)
     known = _stack(SampleMoments, [sample_moments(one, samples[one.members], steps) for one in classes])
@@ -125,7 +125,7 @@ def split_variance(
         ],
     )
     weights = generator(seed, Purpose.CAUSES).multinomial(C, np.full(C, 1 / C), size=resamples)
-    results = [_combine(known, values, w / C, n, covariate, named) for w in [np.ones(C), *weights]]
+    results = _combine(known, values, np.concatenate([np.ones((1, C)), weights]) / C, n, covariate, named)
     totals = [evidence.values[one.members].sum(axis=(1, 2)) for one in classes]
     found = [
         suspicion([suspect.columns[evidence.tap][one.members] for one in classes], classes, totals, seed)
@@ -199,8 +199,8 @@ def _combine(
     n: int,
     covariate: str,
     suspects: Sequence[str],
-) -> dict[str, float]:
-    """All quantities under weights of classes."""
+) -> dict[str, NDArray[np.float64]]:
+    """All quantities under weights of classes (R, C), shape (R,) each."""
     theta, noise = known.solve(weight)
     # In units of the variance of each class, so that classes count alike.
     scale = weight / values.spread
@@ -208,38 +208,42 @@ def _combine(
         np.tensordot(scale, part, 1) for part in values
     )
     # Taps that share less than nothing by chance cannot take away more than the variance that there is.
-    shared = n * session + (n - 1) * serial
-    kept = min(1.0, (1 - 1 / n) * whole / -shared) if shared < 0 else 1.0
+    shared, nothing = n * session + (n - 1) * serial, np.zeros_like(session)
+    kept = np.divide((1 - 1 / n) * whole, -shared, out=np.ones_like(shared), where=shared < 0).clip(max=1.0)
     session, serial = kept * session, kept * serial
     parts = {
         "independent": independent,
         "session": n * session,
-        "place": explained if covariate == "place" else 0.0,
-        "order": explained if covariate == "order" else 0.0,
+        "place": explained if covariate == "place" else nothing,
+        "order": explained if covariate == "order" else nothing,
         "serial": (n - 1) * serial,
-        "gain": patterns[GAIN] * theta[GAIN] + patterns[FORMER] * theta[FORMER],
-        "timing": patterns[TIMING] * theta[TIMING],
-        "common": patterns[PATTERNS:] @ theta[PATTERNS:],
-        "noise": lasting @ noise,
-        **{suspect_part(name): float(value) for name, value in zip(suspects, named, strict=True)},
+        "gain": patterns[:, GAIN] * theta[:, GAIN] + patterns[:, FORMER] * theta[:, FORMER],
+        "timing": patterns[:, TIMING] * theta[:, TIMING],
+        "common": (patterns[:, PATTERNS:] * theta[:, PATTERNS:]).sum(axis=1),
+        "noise": (lasting * noise).sum(axis=1),
+        **{suspect_part(name): value for name, value in zip(suspects, named.T, strict=True)},
     }
     # Evidence answers to large disturbances otherwise than to small ones, so their sizes give proportions only.
-    predicted = sum(max(parts[name], 0.0) for name in _WITHIN)
-    correction = min(max(excess, 0.0) / predicted, _MOST_CORRECTION) if predicted > 0 else 0.0
-    parts |= {name: correction * max(parts[name], 0.0) for name in _WITHIN}
+    predicted = sum((parts[name].clip(min=0.0) for name in _WITHIN), nothing)
+    correction = np.divide(excess.clip(min=0.0), predicted, out=nothing.copy(), where=predicted > 0)
+    correction = correction.clip(max=_MOST_CORRECTION)
+    parts |= {name: correction * parts[name].clip(min=0.0) for name in _WITHIN}
     parts["rest"] = excess - correction * predicted
-    total = max(whole + n * session + (n - 1) * serial, 1e-300)
+    total = np.maximum(whole + n * session + (n - 1) * serial, 1e-300)
     ratio = values.whole / np.maximum(values.independent, 1e-300)
     result = {f"share {name}": value / total for name, value in parts.items()}
     result |= {f"ratio {name}": value / independent for name, value in parts.items()}
     result |= {"design_effect": _median(ratio, weight), "sequence_effect": total / independent}
-    variances = (theta[GAIN], theta[TIMING], theta[PATTERNS], noise[0], noise[1] if len(noise) > 1 else 0.0)
-    return result | {name: np.sqrt(max(v, 0.0)) for name, v in zip(SIZES[2:], variances, strict=True)}
+    lasting_noise = noise[:, 1] if noise.shape[1] > 1 else nothing
+    variances = (theta[:, GAIN], theta[:, TIMING], theta[:, PATTERNS], noise[:, 0], lasting_noise)
+    return result | {name: np.sqrt(v.clip(min=0.0)) for name, v in zip(SIZES[2:], variances, strict=True)}
 
 
-def _median(values: NDArray[np.float64], weight: NDArray[np.float64]) -> float:
+def _median(values: NDArray[np.float64], weight: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Medians of values (C,) under weights (R, C), shape (R,)."""
     order = values.argsort()
-    return float(values[order][np.searchsorted(weight[order].cumsum(), 0.5 * weight.sum())])
+    half = 0.5 * weight.sum(axis=1, keepdims=True)
+    return values[order][(weight[:, order].cumsum(axis=1) >= half).argmax(axis=1)]
 
 
 def _stack[T: (SampleMoments, EvidenceMoments)](kind: type[T], parts: list[T]) -> T:
@@ -250,9 +254,8 @@ def _names(parts: Sequence[str]) -> list[str]:
     return [*(f"{quantity} {part}" for quantity in ("share", "ratio") for part in parts), *SIZES]
 
 
-def _dataset(results: Sequence[Mapping[str, float]], names: Sequence[str], **attributes: Any) -> xr.Dataset:
-    """Estimates, the first of the results, with intervals by the others."""
-    samples = {name: np.array([result[name] for result in results]) for name in _names(names)}
+def _dataset(samples: Mapping[str, NDArray[np.float64]], names: Sequence[str], **attributes: Any) -> xr.Dataset:
+    """Estimates, the first of the samples of each quantity, with intervals by the others."""
     data = xr.Dataset(coords={"part": list(names)}, attrs=attributes)
     for quantity in ("share", "ratio"):
         parts = [_interval(samples[f"{quantity} {part}"]) for part in names]

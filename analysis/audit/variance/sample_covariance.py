@@ -39,10 +39,10 @@ class SampleMoments(NamedTuple):
     patterns_within: NDArray[np.float64]
 
     def solve(self, weight: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Variances of the patterns, shape (P,), and of noise at each step of lags, (S,), with weights of classes."""
+        """Variances of the patterns, (..., P), and of noise at each step of lags, (..., S), by weights (..., C)."""
         normal, right, lagged, pairs, within = (np.tensordot(weight, part, 1) for part in self)
         theta = _least_squares(normal, right)
-        left = lagged - theta @ within
+        left = lagged - (theta[..., np.newaxis, :] @ within)[..., 0, :]
         return theta, np.divide(left, pairs, out=np.zeros_like(left), where=pairs > 0)
 
 
@@ -99,6 +99,7 @@ def by_step(matrix: NDArray[np.float64], steps: NDArray[np.intp]) -> NDArray[np.
 
 def _least_squares(normal: NDArray[np.float64], right: NDArray[np.float64]) -> NDArray[np.float64]:
     """The solution of normal equations, the shortest one where patterns are missing or cannot be told apart."""
-    scale = np.sqrt(np.diag(normal))
-    scale[scale == 0] = 1.0
-    return np.linalg.lstsq(normal / np.outer(scale, scale), right / scale, rcond=1e-8)[0] / scale
+    scale = np.sqrt(np.diagonal(normal, axis1=-2, axis2=-1))
+    scale = np.where(scale == 0, 1.0, scale)
+    inverse = np.linalg.pinv(normal / (scale[..., np.newaxis] * scale[..., np.newaxis, :]), rcond=1e-8)
+    return (inverse @ (right / scale)[..., np.newaxis])[..., 0] / scale
