@@ -7,7 +7,7 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ..blocks import ScaledSamples, block_length
+from ..blocks import ScaledSamples
 from .fits.priors import Taps
 
 
@@ -124,25 +124,12 @@ def class_sums(taps: Taps, of: Callable[[NDArray[np.float64], Any], NDArray[Any]
 
     Args:
         taps: Taps of known class.
-        of: From a block of samples, and the slice or indices of its taps, to the values that are summed, of the same
-            shape.
+        of: From a block of samples, and the slice of its taps, to the values that are summed, of the same shape.
     """
-    (L, M), (_, J, K) = taps.shape, taps.samples.shape
-    own, samples, total = taps.where * M + taps.what, taps.samples, np.zeros((L * M, J * K))
-    if not isinstance(samples, ScaledSamples):
-        # Blocks of whole classes, which stay in the cache, have the same sums as all taps at once.
-        order, start = np.argsort(own, kind="stable"), 0
-        ends = np.cumsum(np.bincount(own, minlength=L * M))
-        while start < len(own):
-            first = int(own[order[start]])
-            behind = max(first + 1, int(np.searchsorted(ends, start + block_length(samples), side="right")))
-            rows = order[start : ends[behind - 1]]
-            values = of(samples[rows], rows).reshape(len(rows), J * K)
-            total[first:behind] = sum_by(own[rows] - first, values, behind - first)
-            start = ends[behind - 1]
-        return total.reshape(L, M, J, K)
     from .likelihood.counting import add_rows
 
+    (L, M), (_, J, K) = taps.shape, taps.samples.shape
+    own, total = taps.where * M + taps.what, np.zeros((L * M, J * K))
     for which, values in taps.over_blocks(lambda block, which: (which, of(block, which))):
         add_rows(values.reshape(len(values), J * K).astype(np.float64, copy=False), own[which], total)
     return total.reshape(L, M, J, K)
