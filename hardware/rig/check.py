@@ -9,6 +9,7 @@ from scipy.special import stdtrit
 
 from ..errors import RigError
 from ..skin.skin import SkinFrame, taxel_names
+from ..stage.leg import check_tap_speed
 from .rest import resting_place
 from .rig import Rig
 from .settings import StageSettings
@@ -129,7 +130,7 @@ def _look_at_stage(rig: Rig, report: RigReport, home: bool) -> None:
     settings, stage = rig.settings.stage, rig.stage
     report.lines.append(("stage", settings.port))
     try:
-        stage.connect(will_home=home)
+        check_tap_speed(rig.settings, stage.connect(will_home=home).values)
         if home:
             rig.skin.listen()
             rig.home()

@@ -29,7 +29,7 @@ from ..link.loop import Loop
 from ..sensor import clipped_move
 from ..skin.monitor import Skin, implausible
 from ..skin.skin import SkinFrame
-from ..stage.leg import check_side
+from ..stage.leg import check_side, check_tap_speed
 from ..stage.stage import Stage
 from .deferred_signals import signals_deferred
 from .rest import resting_place, still_pressing
@@ -133,7 +133,7 @@ class Rig:
             PositionUnknown: The stage needs homing.
             RigError: A device is missing, unexpected or failing.
         """
-        self.stage.connect(will_home=home)
+        check_tap_speed(self.settings, self.stage.connect(will_home=home).values)
         if not home and (position := self.stage.position_mm) is not None:
             check_side(self.settings.stage, position[1])
         self.skin.listen()

@@ -44,6 +44,11 @@ _STUCK = {
 _DEAF_S = 1.0  # a reset is ignored while an alarm is printed
 
 
+def remedy(state: State, otherwise: str = "reset it, then home it") -> str:
+    """What a person does to end a state, as a clause."""
+    return _STUCK.get(state, otherwise)
+
+
 class GrblLink:
     """The controller behind a port.
 
@@ -130,7 +135,7 @@ class GrblLink:
             state = self.said.status.state
             return StageFault(
                 f"{self.port.address}: the controller must be idle, but was in state {state} for {boot_s:g} s; "
-                f"{_STUCK.get(state, 'wait until it ends or reset it')}."
+                f"{remedy(state, 'wait until it ends or reset it')}."
             )
         if self.said.noise:
             said = f"sent {self.said.heard!r}" if self.said.heard is not None else "sent noise"

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from ..errors import OutOfLimits, WrongDevice
-from ..rig.settings import AxisSettings, StageSettings
+from ..rig.settings import AxisSettings, RigFile, StageSettings
 from . import grbl
 
 IDLE_DELAY, REPORT, INCHES, SOFT_LIMITS, HARD_LIMITS, HOMING, HOMING_SIDE, PULL_OFF = 1, 10, 13, 20, 21, 22, 23, 27
@@ -123,12 +123,7 @@ def _axis(port: str, name: str, axis: AxisSettings, values: Mapping[int, float])
             f"its path; at least {_LEAST_STEPS:g} are needed."
         )
     rate, travel = values[RATE + index] / 60.0, values[TRAVEL + index]
-    if axis.speed_mm_s > rate + _ROUNDING:
-        raise WrongDevice(
-            f"{port}: stage.{name}.speed_mm_s={axis.speed_mm_s:g} exceeds the maximum of {axis.letter}, {rate:g} mm/s "
-            f"(${RATE + index}={values[RATE + index]:g} mm/min); lower it or send "
-            f"${RATE + index}={60 * axis.speed_mm_s:g}."
-        )
+    _check_rate(port, f"stage.{name}.speed_mm_s", axis.speed_mm_s, axis, values)
     ends = sorted((axis.machine_mm(axis.low_mm), axis.machine_mm(axis.high_mm)))
     if ends[0] < -travel - _ROUNDING or ends[1] > _ROUNDING:
         raise WrongDevice(
@@ -140,6 +135,30 @@ def _axis(port: str, name: str, axis: AxisSettings, values: Mapping[int, float])
     home = values[PULL_OFF] - travel if low_side else -values[PULL_OFF]
     limits = AxisLimits(rate, values[ACCELERATION + index])
     return AxisSetup(index, values[STEPS + index], limits, travel, home)
+
+
+def check_tap_speed(settings: RigFile, values: Mapping[int, float]) -> None:
+    """Checks that the controller makes taps as fast as the settings ask for.
+
+    Args:
+        settings: Settings of the rig.
+        values: Settings of the controller by number.
+
+    Raises:
+        WrongDevice: The speed of a tap is above the maximum rate of y.
+    """
+    if settings.tap.speed_mm_s is not None:
+        _check_rate(settings.stage.port, "tap.speed_mm_s", settings.tap.speed_mm_s, settings.stage.y, values)
+
+
+def _check_rate(port: str, key: str, speed_mm_s: float, axis: AxisSettings, values: Mapping[int, float]) -> None:
+    number = RATE + "XYZ".index(axis.letter)
+    most_mm_s = values[number] / 60.0
+    if speed_mm_s > most_mm_s + _ROUNDING:
+        raise WrongDevice(
+            f"{port}: {key}={speed_mm_s:g} exceeds the maximum of {axis.letter}, {most_mm_s:g} mm/s "
+            f"(${number}={values[number]:g} mm/min); lower it or send ${number}={60 * speed_mm_s:g}."
+        )
 
 
 def _notes(settings: StageSettings, y: AxisSetup, values: Mapping[int, float]) -> Sequence[str]:

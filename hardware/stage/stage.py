@@ -23,7 +23,7 @@ from ..rig.settings import StageSettings
 from . import grbl
 from .course import CORRIDOR_MM, MotionCourse
 from .grbl import State, StatusReport, Vector
-from .grbl_link import MOVING_POLL_S, POLL_S, GrblLink
+from .grbl_link import MOVING_POLL_S, POLL_S, GrblLink, remedy
 from .leg import AxisLimits, AxisSetup, Leg, Setup, check_limits, check_setup, leg_time, machine_end, needed_settings
 from .state import StageCounts
 
@@ -102,8 +102,8 @@ class Stage:
         settings, setup = self._settings, self._setup
         return settings.x.rig_mm(machine[setup.x.number]), settings.y.rig_mm(machine[setup.y.number])
 
-    def connect(self, will_home: bool = False) -> None:
-        """Opens the port and checks the controller and its settings; nothing moves.
+    def connect(self, will_home: bool = False) -> StageReport:
+        """Opens the port and checks the controller and its settings; nothing moves. Returns `report`.
 
         Args:
             will_home: Whether `home` follows, so that a controller that accepts only a reset may be reset.
@@ -131,6 +131,7 @@ class Stage:
         self._homed = homed
         self.report = StageReport(firmware, str(status.state), self._homed, dict(self._said.values), self._setup.notes)
         self._link.note("connected", f"{self.port.address}: {firmware} is {status.state}, homed: {self._homed}.")
+        return self.report
 
     def home(self) -> None:
         """Homes the stage: moves to the limit switches, which makes the position known. Never done unless requested.
@@ -222,8 +223,8 @@ class Stage:
             if place is not None and place == last:
                 return
             if self._loop.now >= until:
-                why = f"the stage did not stop (state {status.state}); it is {self._place()}."
-                raise StageFault(f"{self.port.address}: {why}")
+                why = f"the stage did not stop (state {status.state}); it is {self._place()}"
+                raise StageFault(f"{self.port.address}: {why}; {remedy(status.state)}.")
             if place is None:
                 self._link.write(grbl.JOG_CANCEL + (grbl.HOLD if status.state is State.RUN else b""))
             last = place
@@ -299,10 +300,8 @@ class Stage:
                 told = self._link.ask(grbl.NO_MOTION) and self._link.ask(grbl.PARSER_STATE)
                 if told and self._said.modes >= {"G80", "G21"} and self._link.poll().state is State.IDLE:
                     return
-        state = self._link.poll().state
-        raise StageFault(
-            f"{self.port.address}: the controller does not confirm G80 and G21 (state {state}); reset it, then home it."
-        )
+        why = f"the controller does not confirm G80 and G21 (state {(state := self._link.poll().state)})"
+        raise StageFault(f"{self.port.address}: {why}; {remedy(state)}.")
 
     def _follow(self, legs: Sequence[Leg]) -> None:
         """Sends jogs in succession and waits for the end of the last.
@@ -364,8 +363,8 @@ class Stage:
                 return status
         self.stop()
         raise StageFault(
-            f"{self.port.address}: the stage {objection} on its way to {leg} and was stopped; it is {self._place()}; a "
-            f"command was damaged on the line, or the controller does not obey."
+            f"{self.port.address}: the stage {objection} on its way to {leg} and was stopped; it is {self._place()}; "
+            f"its hold was pressed, a command was damaged on the line, or the controller does not obey."
         )
 
     def _machine(self) -> Vector:

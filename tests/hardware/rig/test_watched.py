@@ -1,8 +1,19 @@
 """Every move is watched: nothing moves before readings arrive, and a silence or a touch on the way stops the finger."""
 
+import re
+
 import msgspec
 import pytest
-from solidtouch.hardware.errors import BaselineRefused, NoAnswer, OutOfLimits, SensorOverload, StaleSensor
+from solidtouch.hardware.errors import (
+    BaselineRefused,
+    NoAnswer,
+    NotAtRest,
+    OutOfLimits,
+    SensorOverload,
+    StaleSensor,
+    WrongDevice,
+)
+from solidtouch.hardware.rig.check import check_rig
 from solidtouch.hardware.rig.open_rig import connected
 
 NOT_HOMED = "Finger position unknown: switch the power off before touching it."
@@ -104,3 +115,35 @@ def test_a_finger_behind_the_object_is_not_moved_through_it(rig_bench):
         pass
 
     assert not any(map(is_move, rig_bench.diary.sent(rig_bench.stage_port)))
+
+
+@pytest.mark.parametrize("home", [False, True])
+def test_a_tap_faster_than_the_controller_is_refused_before_anything_moves(make_bench, home):
+    with make_bench(homed=not home) as bench:
+        fast = msgspec.structs.replace(bench.settings.tap, speed_mm_s=90.0)
+        settings = msgspec.structs.replace(bench.settings, tap=fast)
+        sentence = (
+            r"tap.speed_mm_s=90 exceeds the maximum of Y, 50 mm/s \(\$111=3000 mm/min\); lower it or send \$111=5400"
+        )
+        with pytest.raises(WrongDevice, match=sentence), connected(bench.build(settings=settings), home):
+            pass
+
+        assert any(re.search(sentence, wrong) for wrong in check_rig(bench.build(settings=settings), 0.5, home).wrong)
+        assert not any(map(is_move, bench.diary.sent(bench.stage_port)))
+
+
+STATES = {"Door": (b"\x84", "close its safety door and press cycle start"), "Hold": (b"!", "press its cycle start")}
+
+
+@pytest.mark.parametrize("state", STATES)
+def test_a_person_who_stopped_the_controller_reads_how_to_go_on(rig_bench, state):
+    """In the words of a connection."""
+    pressed, remedy = STATES[state]
+    with rig_bench.rig() as rig:
+        rig_bench.emulation.bench.links[0].device.receive(pressed, rig_bench.clock.now())
+        rig.loop.sleep(0.3)
+        sentence = rf"the stage did not stop \(state {state}\); .*; {remedy}.*home it \(--home\)"
+        with pytest.raises(NotAtRest, match=sentence):
+            rig.tap()
+        rig.stage.connect(will_home=True)
+        rig.stage.home()
