@@ -155,9 +155,9 @@ def _mourn(worker: _Worker, queue: TaskQueue, *, alone: bool) -> list[Outcome]:
 def _work(pipe: Connection, work: Work) -> None:
     """The life of a worker process."""
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    pipe.send([])
     held: list[Any] = []
-    with suppress(EOFError, OSError):
+    with suppress(EOFError, OSError):  # the other end has died
+        pipe.send([])
         while True:
             tasks, sent = pipe.recv()
             held = [sent] if sent is not None else held
