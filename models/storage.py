@@ -4,6 +4,7 @@ Output is first written under a temporary name in the target folder and moved in
 interrupted command leaves no incomplete file.
 """
 
+import ctypes
 import errno
 import json
 import os
@@ -259,7 +260,8 @@ def check_folder(path: str | Path, force: bool = False) -> Path:
 def complete_folder(path: str | Path, force: bool = False) -> Iterator[Path]:
     """Temporary folder whose files appear in `path` if the block ends without an exception.
 
-    With `force`, files of the same name in an existing folder are overwritten and others kept.
+    With `force`, files of the same name in an existing folder are overwritten and others kept; also at once, unless
+    the file system or the system has no means for that, or the folder is the working directory.
 
     Raises:
         InputError: The folder exists and is not empty while `force` is not set, or it cannot be written.
@@ -272,16 +274,54 @@ def complete_folder(path: str | Path, force: bool = False) -> Iterator[Path]:
         raise InputError(f"{path}: cannot write: {error.strerror}.") from error
     try:
         yield temporary
+        files = sorted(temporary.iterdir())
         if not check_folder(path, force).exists():
             temporary.chmod(0o777 & ~_umask())
             temporary.rename(path)  # all files at once, and refused if another program has put files there
-        else:
-            for file in sorted(temporary.iterdir()):
+        elif not _exchange(temporary, path.resolve()):
+            for file in files:
                 file.replace(path / file.name)
     except OSError as error:
         raise InputError(f"{path}: cannot write: {reason(error)}.") from error
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
+
+
+def _exchange(new: Path, old: Path) -> bool:
+    """Exchanges two folders, and keeps what only the old one holds; returns whether that was possible."""
+    try:
+        here, there = new.stat(), old.stat()
+        if (here.st_uid, here.st_gid) != (there.st_uid, there.st_gid) or Path.cwd().is_relative_to(old):
+            return False  # a shell in the old folder would be left in one that is gone
+        shutil.copystat(old, new)
+        _keep(old, new)
+        _swap(new, old)
+    except (OSError, AttributeError):  # no links, or no exchange
+        return False
+    _keep(new, old)  # what came meanwhile
+    return True
+
+
+def _keep(old: Path, new: Path) -> None:
+    """Links what a folder holds to another folder, unless a name exists there."""
+    for entry in old.iterdir():
+        there = new / entry.name
+        if entry.is_dir() and not entry.is_symlink():
+            if not there.exists():
+                there.mkdir()
+                shutil.copystat(entry, there)
+            if there.is_dir():
+                _keep(entry, there)
+        elif not os.path.lexists(there):
+            os.link(entry, there, follow_symlinks=False)
+
+
+def _swap(one: Path, other: Path) -> None:
+    """Exchanges two names at once; a function of Linux that Python does not offer."""
+    here, exchange = -100, 2
+    system = ctypes.CDLL(None, use_errno=True)
+    if system.renameat2(here, os.fsencode(one), here, os.fsencode(other), exchange):
+        raise OSError(ctypes.get_errno(), os.strerror(ctypes.get_errno()))
 
 
 def _move(temporary: Path, path: Path, force: bool) -> None:

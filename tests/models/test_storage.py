@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import xarray as xr
+from solidtouch.models import storage
 from solidtouch.models.errors import InputError
 from solidtouch.models.storage import (
     check_folder,
@@ -202,6 +203,96 @@ def test_forced_folders_keep_what_is_not_replaced(tmp_path):
         (temporary / "a").write_text("new")
 
     assert {path.name: path.read_text() for path in tmp_path.iterdir()} == {"a": "new", "b": "old"}
+
+
+@pytest.fixture
+def old_results(tmp_path):
+    """A folder with results, a file and a folder of somebody else, and one more file in a folder of results."""
+    folder = tmp_path / "out"
+    for name in ("page", "images/one", "mine", "notes/mine", "images/mine"):
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text("old")
+    (folder / "link").symlink_to("mine")
+    folder.chmod(0o750)
+    return folder
+
+
+def write_new(folder):
+    with complete_folder(folder, force=True) as temporary:
+        (temporary / "images").mkdir()
+        (temporary / "images" / "one").write_text("new")
+        (temporary / "page").write_text("new")
+
+
+def contents(folder):
+    return {str(path.relative_to(folder)): path.read_text() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+ALL = ("images/mine", "images/one", "link", "mine", "notes/mine", "page")
+RESULTS = ("images/one", "page")
+
+
+def test_forced_folders_appear_at_once(old_results, tmp_path, monkeypatch):
+    """Without one file moved by itself; what is not replaced stays the same file."""
+    monkeypatch.setattr(type(tmp_path), "replace", None)
+    kept = (old_results / "notes" / "mine").stat().st_ino
+    write_new(old_results)
+
+    assert contents(old_results) == {name: "new" if name in RESULTS else "old" for name in ALL}
+    assert (old_results / "link").is_symlink()
+    assert (old_results / "notes" / "mine").stat().st_ino == kept
+    assert stat.S_IMODE(old_results.stat().st_mode) == 0o750
+    assert names(tmp_path) == ["out"]
+
+
+@pytest.mark.parametrize("call", range(12))
+def test_an_interrupted_forced_folder_is_the_old_or_the_new_one(old_results, tmp_path, monkeypatch, call):
+    """Interrupted before and after any change that the system is asked for."""
+    left = [call]
+
+    def breaking(function):
+        def call(*args, **more):
+            left[0] -= 1
+            if left[0] == 0:
+                raise KeyboardInterrupt
+            result = function(*args, **more)
+            left[0] -= 1
+            if left[0] == 0:
+                raise KeyboardInterrupt
+            return result
+
+        return call
+
+    monkeypatch.setattr(os, "link", breaking(os.link))
+    monkeypatch.setattr(storage, "_swap", breaking(storage._swap))
+    try:
+        write_new(old_results)
+    except KeyboardInterrupt:
+        assert call > 0
+    else:
+        assert call in {0, 11}
+
+    assert contents(old_results) in [dict.fromkeys(ALL, "old") | dict.fromkeys(RESULTS, age) for age in ("old", "new")]
+    assert names(tmp_path) == ["out"]
+
+
+@pytest.mark.parametrize("case", ["no exchange", "no function for it", "no links", "working directory"])
+def test_forced_folders_are_written_where_they_cannot_be_exchanged(tmp_path, monkeypatch, case):
+    def refuse(*_, **__):
+        raise AttributeError if "function" in case else PermissionError(errno.EPERM, "Operation not permitted")
+
+    (tmp_path / "out" / "a").mkdir(parents=True)
+    for name in ("b", "c"):
+        (tmp_path / "out" / name).write_text("old")
+    if case == "working directory":
+        monkeypatch.chdir(tmp_path / "out")
+    monkeypatch.setattr(*(os, "link", refuse) if case == "no links" else (storage, "_swap", refuse))
+    with complete_folder(tmp_path / "out", force=True) as temporary:
+        (temporary / "b").write_text("new")
+
+    assert names(tmp_path) == ["out"]
+    assert names(tmp_path / "out") == ["a", "b", "c"]
+    assert contents(tmp_path / "out") == {"b": "new", "c": "old"}
 
 
 def test_an_empty_folder_is_taken(tmp_path):
