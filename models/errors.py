@@ -3,9 +3,12 @@
 import unicodedata
 from hashlib import blake2b
 from numbers import Integral, Real
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from os import PathLike
+
     from numpy.typing import ArrayLike, NDArray
 
 _JOINERS = "\u200c\u200d"  # of letters and of emoji
@@ -22,6 +25,20 @@ class InputError(ValueError):
 
 class NotConvergedError(InputError):
     """A fit did not converge, and `unconverged` was not set."""
+
+
+def check_path(path: "str | PathLike[str]") -> Path:
+    """The path of a file or folder, there or not.
+
+    Raises:
+        InputError: The system cannot look at it, for example as its name is too long.
+    """
+    path = Path(path)
+    try:
+        path.exists()
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror}.") from error
+    return path
 
 
 def check_count(value: object, name: str, least: int = 1) -> int:

@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, cast
 
-from .errors import InputError
+from .errors import InputError, check_path
 from .io.untrusted import check_size, in_bytes, is_sealed, read_first, seal
 
 if TYPE_CHECKING:
@@ -39,7 +39,7 @@ def check_writable(path: str | Path, force: bool = False) -> Path:
     """
     if not isinstance(path, str | os.PathLike):
         raise InputError(f"A file is named by its path, got {type(path).__name__}.")
-    path = Path(path)
+    path = check_path(path)
     if path.is_dir():
         raise InputError(f"{path}: is a folder, expected a file name.")
     if path.exists() and not path.is_file():
@@ -155,7 +155,7 @@ def read_groups(path: str | Path, names: Iterable[str], on_disk: str = "") -> "d
     import h5py  # noqa: PLC0415
     import xarray as xr  # noqa: PLC0415
 
-    path = Path(path)
+    path = check_path(path)
     if path.is_dir():
         raise InputError(f"{path}: is a folder, expected a file.")
     if not path.exists():
@@ -190,7 +190,7 @@ def read_zarr(path: str | Path, on_disk: str = "") -> "xr.Dataset":
     """
     import xarray as xr  # noqa: PLC0415
 
-    path = Path(path)
+    path = check_path(path)
     if not path.exists():
         raise InputError(f"{path}: no such file.")
     if not path.is_dir():
@@ -243,7 +243,7 @@ def check_folder(path: str | Path, force: bool = False) -> Path:
         InputError: It is a file or lies in one, is not writable, or is a folder that is not empty while `force` is not
             set.
     """
-    path = Path(path)
+    path = check_path(path)
     if path.exists() and not path.is_dir():
         raise InputError(f"{path}: is a file, expected a folder.")
     there = next(parent for parent in (path.absolute(), *path.absolute().parents) if parent.exists())
@@ -351,7 +351,7 @@ def read_object(path: str | Path, called: str) -> dict[str, Any]:
     Raises:
         InputError: The file is missing, unreadable or not a JSON object, or a key is repeated.
     """
-    path = Path(path)
+    path = check_path(path)
     if not path.exists():
         raise InputError(f"{path}: no such file.")
     try:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
-from ..errors import InputError
+from ..errors import InputError, check_path
 from ..settings import Missing, check_missing
 from ..taps import TapSet, concatenate
 from .arrays import recording_from_arrays
@@ -106,7 +106,7 @@ def check_there(sources: Sequence[object]) -> None:
         InputError: One is missing.
     """
     for source in sources:
-        if isinstance(source, str | os.PathLike) and not Path(source).exists():
+        if isinstance(source, str | os.PathLike) and not check_path(source).exists():
             raise InputError(f"{source}: no such file.")
 
 
@@ -128,7 +128,7 @@ def read_recording(path: str | Path, missing: Missing = "refuse") -> Recording:
     Raises:
         InputError: As `load_taps`; also for `.nc`, `.zarr` and `.mcap`, whose taps are already cut.
     """
-    path = Path(path)
+    path = check_path(path)
     if path.suffix.lower() == ".nc" and path.is_file():
         raise InputError(f"{path}: a .nc file holds taps that are already cut, not streams.")
     if path.suffix.lower() == ".zarr" and path.is_dir():

@@ -10,6 +10,8 @@ import pytest
 import xarray as xr
 from solidtouch.models import storage
 from solidtouch.models.errors import InputError
+from solidtouch.models.io.load import check_there, load_taps
+from solidtouch.models.measurement.generic import source
 from solidtouch.models.storage import (
     check_folder,
     check_writable,
@@ -141,6 +143,24 @@ def test_places_that_cannot_be_written_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr("os.access", lambda *_: False)
     with pytest.raises(InputError, match=r"folder .* is not writable"):
         check_writable(tmp_path / "a")
+
+
+LOOKS = {
+    "write a file": check_writable,
+    "write a folder": check_folder,
+    "read groups": lambda path: read_groups(path, ("/",)),
+    "read a store": storage.read_zarr,
+    "read an object": lambda path: storage.read_object(path, "setting"),
+    "read taps": load_taps,
+    "read several": lambda path: check_there([path]),
+    "read a function": lambda path: source.named(f"{path}.py:f"),
+}
+
+
+@pytest.mark.parametrize("look", LOOKS.values(), ids=LOOKS)
+def test_a_path_that_the_system_cannot_look_at_is_named(look, tmp_path):
+    with pytest.raises(InputError, match=r"9{300}.*: File name too long\."):
+        look(tmp_path / ("9" * 300))
 
 
 def test_a_temporary_name_that_cannot_be_made_is_refused(tmp_path):

@@ -15,7 +15,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
-from ...errors import InputError
+from ...errors import InputError, check_path
 from .contract import StoryFunction
 
 GROUP = "solidtouch.models"
@@ -101,7 +101,7 @@ def known() -> tuple[str, ...]:
 
 
 def _from_file(path: Path, function: str) -> Any:
-    if not path.is_file():
+    if not check_path(path).is_file():
         raise InputError(f"{path}: no such file.")
     spec: Any = importlib.util.spec_from_file_location(f"{path.stem}_{_digest(path.read_bytes())[:8]}", path)
     module = importlib.util.module_from_spec(spec)
