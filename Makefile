@@ -103,6 +103,7 @@ firmware: $(VENV)/.ready-dev
 
 kills: $(VENV)/.ready-run
 	@$(PY) -m benchmarks.checks.kills
+	@$(PY) -m benchmarks.checks.collecting
 	@$(PY) -m benchmarks.checks.interruptions
 
 mutants: $(VENV)/.ready-dev

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -57,11 +58,12 @@ def collect(
     about = about_rig(settings, read_settings(rig_file), plan)
     taps = list(plan.taps())
     console = Console(stderr=True)
+    say = partial(console.print, highlight=False, markup=False)
     trials: frozenset[int] = frozenset()
     if resume:
         recorder, trials, lost = resume_recording(out, about)
         if lost:
-            console.print(f"{out}: {lost}; earlier taps are kept.", highlight=False, markup=False)
+            say(f"{out}: {lost}; earlier taps are kept.")
     else:
         recorder = Recorder.create(out, about)
     left = [tap for tap in taps if tap.trial not in trials]
@@ -69,21 +71,17 @@ def collect(
         with recorder:
             check_space(out, space_needed(len(left), settings))
             if left:
-                console.print(f"Connecting to {settings.name}; the finger must touch nothing.", highlight=False)
+                say(f"Connecting to {settings.name}; the finger must touch nothing.")
                 with (
                     open_rig(settings, recorder, home=home) as rig,
                     _progress(console, len(trials), len(taps)) as advance,
                 ):
-                    operator = _operator(rig, console)
-                    collect_taps(rig, left, plan.objects, plan.settle_taps, operator, recorder, advance)
+                    operator = _operator(rig, say)
+                    collect_taps(rig, left, plan.objects, plan.settle_taps, operator, recorder, advance, say)
     except BaseException:
         if resume or recorder.presses:
             kept = len(trials) + recorder.taps
-            console.print(
-                f"{out}: {kept} of {len(taps)} taps recorded; continue with --resume.",
-                highlight=False,
-                markup=False,
-            )
+            say(f"{out}: {kept} of {len(taps)} taps recorded; continue with --resume.")
         else:
             out.unlink(missing_ok=True)
         raise
@@ -118,9 +116,9 @@ def _check_objects(plan: "Plan", settings: "RigFile") -> None:
             raise InputError(f"objects: the emulator has no {thing.name!r}; choose from {', '.join(there)}.")
 
 
-def _operator(rig: "Rig", console: "Console") -> "Operator":
+def _operator(rig: "Rig", say: Callable[[str], object]) -> "Operator":
     from .shared.operators import Emulator, Person
 
     if rig.emulator is None:
-        return Person(lambda line: console.print(line, highlight=False, markup=False))
+        return Person(say)
     return Emulator(rig.emulator)

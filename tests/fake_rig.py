@@ -5,6 +5,7 @@ import math
 import numpy as np
 from solidtouch.hardware.link.loop import Loop
 from solidtouch.hardware.recording.plan import parse_plan
+from solidtouch.hardware.rig.rig import TapTally
 from solidtouch.hardware.rig.settings import parse_rig
 from solidtouch.hardware.skin.skin import SkinFrame
 from solidtouch.models.preprocessing import TapCutter
@@ -60,15 +61,17 @@ class FakeRig:
         journal: Hears of everything.
         rejected: Whether the n-th attempt, counted from 0, gives a tap that cannot be believed.
         fail: Called before every attempt with its number.
+        misses: Whether the n-th attempt touches nothing.
     """
 
-    def __init__(self, journal, settings=None, rejected=never, fail=never):
+    def __init__(self, journal, settings=None, rejected=never, fail=never, misses=never):
         self.settings = settings or fake_settings()
         self.loop = Loop(FakeClock())
         self.label = {}
         self.taps = []
         self.did = []
-        self._journal, self._rejected, self._fail = journal, rejected, fail
+        self.tally = TapTally()
+        self._journal, self._rejected, self._fail, self._misses = journal, rejected, fail, misses
         self._rng = np.random.default_rng(7)
         self._cutter = TapCutter(self.settings.preprocessing)
         self._attempts = 0
@@ -103,6 +106,7 @@ class FakeRig:
             rejected = self._rejected(n)
             self._journal.tap(self.loop.now, not rejected, "taxel 1 jumped" if rejected else "")
             if not rejected:
+                self.tally.touched += not self._misses(n)
                 self.did.append("tap")
                 self.taps.append((dict(self.label), cut.samples))
                 return cut.samples

@@ -28,15 +28,16 @@ _LIMIT_S = 300.0
 _SOON_S = 10.0
 _ALIKE = 0.1
 _FRAME = re.compile(r'File "(.*?)", line \d+, in (\S+)')
-_JUMP = """
+JUMP = """
 import random, time
 _time, _jump = time.time, random.Random(0)
-_offset = [0.0]
+_offset = [_jump.uniform(-1e6, 1e6)]
 def jumping():
     if _jump.random() < 0.01:
         _offset[0] = _jump.uniform(-1e6, 1e6)
     return _time() + _offset[0]
 time.time = jumping
+time.time_ns = lambda: round(1e9 * jumping())
 """
 
 
@@ -188,7 +189,7 @@ class Trial:
         """One run whose wall clock jumps by days, back and forth."""
         with self._folder() as folder:
             (folder / "clock").mkdir()
-            (folder / "clock" / "sitecustomize.py").write_text(_JUMP)
+            (folder / "clock" / "sitecustomize.py").write_text(JUMP)
             code, said = self._end(self._start(folder, {"PYTHONPATH": str(folder / "clock")}))
             self.outcome.runs["clock"] += 1
             if code or "Traceback" in said:

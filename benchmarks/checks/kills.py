@@ -39,7 +39,7 @@ from solidtouch.models.taps import TapSet
 _LIMIT_S = 120.0
 _LOOK_S = 0.0002
 _TAP_S = 3.0
-_ROUNDING_MM = 0.01
+ROUNDING_MM = 0.01
 _CODES = {signal.SIGKILL: {-9}, signal.SIGINT: {130, -2}, signal.SIGTERM: {143, -15}}
 """Exit codes; the second is for when the program has not taken the signal over yet, or has given it back at its end."""
 
@@ -226,7 +226,7 @@ class Collection:
 
     def _compare(self, pressed: int) -> None:
         """Compares the recording with what it held before and with what the witness saw since."""
-        known = _known(self._path)
+        known = recorded(self._path)
         missing = max(0, pressed - (known.ended - self._known.ended))
         self.outcome.presses += pressed
         self.outcome.in_progress += min(1, missing)
@@ -250,9 +250,9 @@ class Collection:
             return
         if "Traceback" in said:
             yield f"a traceback. {said.strip()}"
-        if above_mm > (0.0 if pressed else was_mm) + _ROUNDING_MM:
+        if above_mm > (0.0 if pressed else was_mm) + ROUNDING_MM:
             yield f"the finger is {above_mm:.2f} mm deep."
-        if pressed and not _is_ended(self._path):
+        if pressed and not is_ended(self._path):
             yield "the file was not ended."
 
     def _check_complete(self) -> None:
@@ -261,7 +261,7 @@ class Collection:
         path, known, wrong = self._path, self._known, self.outcome.wrong
         if [tap.label.trial for tap in read_rig(path).taps] != [tap.trial for tap in self._taps]:
             wrong.append(f"{path.name} holds the trials {sorted(known.taps)}.")
-        if self._temporary.exists() or not _is_ended(path):
+        if self._temporary.exists() or not is_ended(path):
             wrong.append(f"{path.name} was not ended, or its temporary file is left.")
         with tempfile.TemporaryDirectory() as folder:
             words = [sys.executable, "-m", "solidtouch.cli", "convert", str(path), f"{folder}/taps.nc"]
@@ -277,7 +277,7 @@ def _begins(path: Path) -> bool:
     return next(iter(RecordingReader(path)), None) is not None
 
 
-def _is_ended(path: Path) -> bool:
+def is_ended(path: Path) -> bool:
     """Whether a file has an index, with as many messages as there are."""
     with path.open("rb") as file:
         reader = make_reader(file, validate_crcs=True)
@@ -286,7 +286,8 @@ def _is_ended(path: Path) -> bool:
     return summary is not None and summary.statistics is not None and summary.statistics.message_count == messages
 
 
-def _known(path: Path) -> Known:
+def recorded(path: Path) -> Known:
+    """What a recording holds; nothing if there is none, or none that was begun."""
     if not path.exists() or not _begins(path):
         return Known()
     ended = sum(isinstance(entry.content, Tap) and entry.intact for entry in RecordingReader(path))

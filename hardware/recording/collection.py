@@ -1,6 +1,7 @@
 """Data collection: labelled taps, each safely recorded before the next starts."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import groupby
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
@@ -9,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...models.errors import InputError
-from ...models.io.rig import read_rig
+from ...models.io.rig import RigTaps, read_rig
 from ...models.io.rig_recording import About, TapLabel
 from ..journal import Journal
 from ..link.loop import Loop
+from ..rig.rig import TapTally
 from .plan import ObjectSettings
 from .recording import Recorder
 from .settings import differences
@@ -26,9 +28,11 @@ class CollectingRig(Protocol):
     Attributes:
         loop: Loop to run while waiting for the operator, so that readings do not pile up.
         label: Label of the next taps; the rig passes it to its journal with every press.
+        tally: Numbers of taps.
     """
 
     loop: Loop
+    tally: TapTally
     label: Mapping[str, Any]
 
     def clear(self) -> None:
@@ -86,11 +90,15 @@ def resume_recording(path: str | Path, about: About) -> Recovered:
         InputError: The file cannot be read or written, is in use, or was recorded with another rig or plan; it is left
             unchanged.
     """
-    recorded = read_rig(path)
-    if different := differences(about, recorded.about):
-        raise InputError(f"{path}: cannot resume the recording: {'; '.join(different)}.")
-    trials = frozenset(tap.label.trial for tap in recorded.taps)
-    return Recovered(Recorder.resume(path), trials, recorded.lost)
+    found: list[RigTaps] = []
+
+    def check() -> None:
+        found.append(read_rig(path))
+        if different := differences(about, found[0].about):
+            raise InputError(f"{path}: cannot resume the recording: {'; '.join(different)}.")
+
+    recorder = Recorder.resume(path, check=check)
+    return Recovered(recorder, frozenset(tap.label.trial for tap in found[0].taps), found[0].lost)
 
 
 def collect(
@@ -101,8 +109,12 @@ def collect(
     operator: Operator,
     journal: Journal,
     progress: Callable[[], None] = lambda: None,
+    warn: Callable[[str], object] = lambda _: None,
 ) -> None:
     """Makes the taps in order.
+
+    Taps that touch nothing are recorded like others, as a plan may mean some to, for example beside the object. If no
+    tap of an object touched anything, that is said.
 
     Args:
         rig: Rig, connected.
@@ -112,27 +124,36 @@ def collect(
         operator: Changes the objects.
         journal: Journal for the changes of object.
         progress: Called after every labelled tap.
+        warn: Called with a sentence about an object that was never touched, unless some of its taps were made before.
 
     Raises:
         RigError: A device failed; the rig is at rest and all earlier taps are recorded.
         InputError: The recording cannot be written.
     """
-    present: int | None = None
-    place_mm: float | None = None
-    for tap in taps:
+    for number, (what, of_object) in enumerate(groupby(taps, lambda tap: tap.what)):
+        place_mm, touched, whole = None, rig.tally.touched, number > 0
+        for tap in of_object:
+            rig.label = {}
+            if place_mm is None:
+                _change(rig, what, objects[what], operator, journal)
+                rig.go(tap.where_mm)
+                for _ in range(settle_taps):
+                    rig.tap()
+                whole |= tap.trial == 0
+            elif tap.where_mm != place_mm:
+                rig.go(tap.where_mm)
+            place_mm = tap.where_mm
+            rig.label = msgspec.to_builtins(tap)
+            rig.tap()
+            progress()
         rig.label = {}
-        if tap.what != present:
-            _change(rig, tap.what, objects[tap.what], operator, journal)
-            rig.go(tap.where_mm)
-            for _ in range(settle_taps):
-                rig.tap()
-        elif tap.where_mm != place_mm:
-            rig.go(tap.where_mm)
-        present, place_mm = tap.what, tap.where_mm
-        rig.label = msgspec.to_builtins(tap)
-        rig.tap()
-        progress()
-    rig.label = {}
+        if whole and rig.tally.touched == touched:
+            sentence = (
+                f"No tap of {objects[what].name} touched anything: was it in place, does y rise towards it "
+                f"(stage.y.direction), is tap.depth_mm large enough? `solidtouch rig approach` shows it."
+            )
+            journal.event(rig.loop.now, "no touch", sentence, what=what)
+            warn(sentence)
 
 
 def _change(rig: CollectingRig, what: int, thing: ObjectSettings, operator: Operator, journal: Journal) -> None:

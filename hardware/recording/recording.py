@@ -35,6 +35,7 @@ from ...models.io.rig_recording import (
     Tap,
     json_schema,
 )
+from ...models.io.untrusted import in_bytes
 from ...models.storage import check_writable
 from ..rig.deferred_signals import signals_deferred
 from ..rig.settings import RigFile
@@ -116,11 +117,18 @@ class Recorder:
             raise InputError(f"{path}: cannot write: {error.strerror or error}.") from error
 
     @classmethod
-    def resume(cls, path: str | Path, wall_ns: Callable[[], int] = time.time_ns) -> Self:
+    def resume(
+        cls, path: str | Path, wall_ns: Callable[[], int] = time.time_ns, check: Callable[[], object] = lambda: None
+    ) -> Self:
         """Resumes a recording, whether or not it was finished properly.
 
         Its readable part is copied to a new file beside it, which replaces it once safely on disk; if anything fails
         before, the old file is unchanged.
+
+        Args:
+            path: The file.
+            wall_ns: Returns nanoseconds since 1970; called once.
+            check: Called before anything is written, when no other program can record to the file any more.
 
         Raises:
             InputError: The file cannot be read or written, is not a recording, or is in use by another program.
@@ -132,6 +140,7 @@ class Recorder:
                 _lock(old, path)
                 if not os.path.samestat(os.fstat(old.fileno()), path.stat()):
                     raise InputError(f"{path}: another program is recording to it.")  # it has just resumed it
+                check()
                 temporary = path.with_name(f".{path.name}.resumed")
                 temporary.unlink(missing_ok=True)  # left by a process killed here
                 file = temporary.open("xb")
@@ -345,4 +354,4 @@ def check_space(path: str | Path, needed: int) -> None:
     except OSError as error:
         raise InputError(f"{path}: cannot write: {error.strerror or error}.") from error
     if free < needed:
-        raise InputError(f"{path}: may need {needed / 1e6:.0f} MB, but only {free / 1e6:.0f} MB are free on the disk.")
+        raise InputError(f"{path}: may need {in_bytes(needed)}, but only {in_bytes(free)} are free on the disk.")

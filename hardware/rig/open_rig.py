@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 
 from ..emulator.shared_clock import SharedClock, SocketConnection
-from ..errors import NotAtRest, RigError
+from ..errors import NotAtRest, PortBusy, RigError
 from ..journal import Journal
 from ..link.loop import Clock, HostClock, Loop
 from ..skin.fingertip import make_skin
@@ -73,7 +73,12 @@ def connected(rig: Rig, home: bool = False) -> Iterator[Rig]:
             told = trouble if isinstance(trouble, NotAtRest) else still_pressing(trouble, worse)
             told.add_note(rig.rest)
             raise told from (None if told is trouble else trouble)
-        again = isinstance(trouble, NotAtRest) and rig.rest != resting_place()
-        trouble.add_note(f"{rig.rest.removesuffix('.')}, after another attempt." if again else rig.rest)
+        unknown = rig.rest == resting_place()
+        if isinstance(trouble, PortBusy) and unknown:
+            trouble.add_note("Finger position unknown: another program drives it.")
+        elif isinstance(trouble, NotAtRest) and not unknown:
+            trouble.add_note(f"{rig.rest.removesuffix('.')}, after another attempt.")
+        else:
+            trouble.add_note(rig.rest)
         raise
     rig.close()

@@ -27,7 +27,7 @@ from ..errors import (
 from ..journal import Journal
 from ..link.loop import Loop
 from ..sensor import clipped_move
-from ..skin.monitor import Skin, implausible
+from ..skin.monitor import Skin, implausible, touches
 from ..skin.skin import SkinFrame
 from ..stage.leg import check_side, check_tap_speed
 from ..stage.stage import Stage
@@ -50,10 +50,12 @@ class TapTally:
     Attributes:
         accepted: Accepted taps.
         rejected: Taps with implausible readings, which were repeated.
+        touched: Accepted taps that touched something.
     """
 
     accepted: int = 0
     rejected: int = 0
+    touched: int = 0
 
 
 class Rig:
@@ -234,6 +236,7 @@ class Rig:
             self._journal.tap(self.loop.now, reason is None, reason or "")
             if reason is None:
                 self.tally.accepted += 1
+                self.tally.touched += touches(samples, self.settings.tap.lead_samples, self.settings.sensor.noise_limit)
                 return samples
             self.tally.rejected += 1
             reasons.append(reason)

@@ -323,6 +323,15 @@ _JUMP_NOISE_LIMITS = 2.0
 _REST_NOISE_LIMITS = 3.0
 
 
+def touches(samples: NDArray[np.float64], lead: int, noise_limit: float) -> bool:
+    """Whether three samples of a tap rise far above those before the press; arguments as in `implausible`.
+
+    With an unknown noise limit every tap counts as a touch.
+    """
+    rise = (samples[lead:] - samples[: max(lead, 1)].mean(axis=0)).max(axis=1)
+    return not np.isfinite(noise_limit) or (rise > _TOUCH_NOISE_LIMITS * noise_limit).sum() >= _TOUCHED_READINGS
+
+
 def implausible(samples: NDArray[np.float64], lead: int, noise_limit: float) -> str | None:
     """Why a tap is implausible, as a phrase, or None.
 

@@ -1,6 +1,8 @@
 """`collect` as a person types it, with a rig without devices in place of the one that `open_rig` opens."""
 
 import os
+import re
+import resource
 import signal
 import sys
 from contextlib import contextmanager
@@ -97,6 +99,26 @@ def test_a_collection_that_was_stopped_goes_on_where_it_was(case, bench, words, 
     opened = len(bench.opened)
     assert command(*words, "--resume").code == 0
     assert len(bench.opened) == opened
+
+
+@pytest.mark.parametrize("room", [0, 1, 700, 5000])
+def test_a_disk_that_fills_costs_nothing_that_is_said_to_be_kept(room, bench, words, command, tmp_path):
+    path, before = tmp_path / "a.mcap", resource.getrlimit(resource.RLIMIT_FSIZE)
+    fill = lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size + room, before[1]))  # noqa: E731
+    bench.fail = stop_at(6, fill)
+    try:
+        stopped = command(*words)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+    assert stopped.code == 2
+    assert re.search(r"^solidtouch: .*a\.mcap: writing failed: File too large; .*\.$", stopped.err, re.MULTILINE)
+    kept = [tap.label.trial for tap in read_rig(path).taps]
+    assert f"{len(kept)} of 8 taps recorded; continue with --resume." in " ".join(stopped.err.split())
+    assert len(kept) >= 4
+    bench.fail = bench.fake_rig.never
+    assert command(*words, "--resume").code == 0
+    assert [tap.label.trial for tap in read_rig(path).taps] == list(range(8))
 
 
 def test_a_rig_that_cannot_be_opened_leaves_no_file(bench, words, command, tmp_path):

@@ -36,6 +36,26 @@ def test_the_rig_does_not_move_between_taps_at_one_place(fake_rig):
     assert rig.did == ["clear", 1.5, "tap", "tap", "tap", 2.5, "tap", "tap", "tap"]
 
 
+@pytest.mark.parametrize(
+    ("misses", "first", "named"),
+    [
+        (range(12), 0, ["thin", "thick"]),
+        ([0, 1, 2, 3, 5, 6, 7, 8, 9, 10, 11], 0, ["thick"]),
+        (range(6), 0, ["thin"]),
+        (range(12), 2, ["thick"]),
+        ([], 0, []),
+    ],
+)
+def test_an_object_that_no_tap_touched_is_named(fake_rig, misses, first, named):
+    """Not where some of its taps were made before, which may have touched it."""
+    plan, said = fake_rig.fake_plan(), []
+    rig = fake_rig.FakeRig(NoJournal(), misses=lambda n: n in misses)
+    collect(rig, list(plan.taps())[first:], plan.objects, 2, fake_rig.FakeOperator(), NoJournal(), warn=said.append)
+
+    assert [sentence.split()[3] for sentence in said] == named
+    assert all("(stage.y.direction)" in sentence and "`solidtouch rig approach`" in sentence for sentence in said)
+
+
 def test_readings_are_taken_while_the_operator_is_waited_for(fake_rig):
     """The loop turns, so that they do not pile up in the port."""
     plan = fake_rig.parse_plan("positions = [1.5]\nobjects = [{ name = 'a' }]")

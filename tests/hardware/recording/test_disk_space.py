@@ -15,7 +15,7 @@ def test_space_is_asked_for_in_advance(fake_rig, tmp_path, monkeypatch):
     monkeypatch.setattr(disk_space.shutil, "disk_usage", lambda _: SimpleNamespace(free=needed - 1))
     check_space(tmp_path / "a.mcap", needed - 1)
 
-    with pytest.raises(InputError, match=r"a\.mcap: may need \d+ MB, but only \d+ MB are free"):
+    with pytest.raises(InputError, match=r"a\.mcap: may need [\d.]+ MB, but only [\d.]+ MB are free"):
         check_space(tmp_path / "a.mcap", needed)
 
 

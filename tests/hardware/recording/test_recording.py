@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mcap.reader import make_reader
-from solidtouch.hardware.recording import recording
+from solidtouch.hardware.recording import collection, recording
 from solidtouch.hardware.recording.collection import collect, resume_recording
 from solidtouch.hardware.recording.recording import Recorder
 from solidtouch.hardware.recording.settings import about_rig, differences
@@ -261,6 +261,22 @@ def test_two_programs_do_not_record_to_one_file(about, fake_rig, tmp_path):
         Recorder.resume(path)
 
 
+def test_a_recording_is_read_when_nobody_else_can_add_to_it(about, fake_rig, tmp_path, monkeypatch):
+    """Taps that another program adds after that would be made twice."""
+    path = tmp_path / "a.mcap"
+    with Recorder.create(path, about) as recorder:
+        run(fake_rig, recorder, range(2))
+
+    def read(name):
+        with pytest.raises(InputError, match="another program is recording to it"):
+            Recorder.resume(name)
+        return read_rig(name)
+
+    monkeypatch.setattr(collection, "read_rig", read)
+    with resume_recording(path, about).recorder:
+        assert len(read_rig(path).taps) == 2
+
+
 def test_nothing_to_resume_is_said(about, tmp_path):
     with pytest.raises(InputError, match=r"a\.mcap: cannot read: No such file"):
         Recorder.resume(tmp_path / "a.mcap")
@@ -333,6 +349,21 @@ def test_a_killed_process_loses_nothing_but_the_tap_in_progress(about, fake_rig,
             recovered = resume_recording(path, about)
             with recovered.recorder:
                 assert recovered.trials == frozenset(range(len(read.taps)))
+
+
+def test_a_clock_that_jumps_back_changes_no_order(about, fake_rig, tmp_path):
+    """Between two parts of a recording."""
+    path = tmp_path / "a.mcap"
+    with Recorder.create(path, about, wall_ns=lambda: 2 * 10**18) as recorder:
+        run(fake_rig, recorder, range(3))
+    trials = frozenset(tap.label.trial for tap in read_rig(path).taps)
+    with Recorder.resume(path, wall_ns=lambda: 10**9) as recorder:
+        run(fake_rig, recorder, range(3, 6))
+    read = read_rig(path)
+
+    assert trials == {0, 1, 2}
+    assert [tap.label.trial for tap in read.taps] == list(range(6))
+    assert (read.lost, read.began_ns) == ("", 2 * 10**18)
 
 
 def test_a_copy_that_was_killed_is_overwritten(about, fake_rig, tmp_path):

@@ -5,7 +5,7 @@ import threading
 import msgspec
 import pytest
 from solidtouch.hardware.emulator.shared_clock import SharedClock, SocketConnection
-from solidtouch.hardware.errors import NotAtRest, PortError, RigError, StageFault
+from solidtouch.hardware.errors import NotAtRest, PortBusy, PortError, RigError, StageFault
 from solidtouch.hardware.journal import NoJournal
 from solidtouch.hardware.link.loop import HostClock
 from solidtouch.hardware.rig import open_rig as opening
@@ -109,6 +109,14 @@ def test_a_note_says_where_the_finger_is(rig_bench, fault, how, note):
     with pytest.raises(RigError) as caught:
         tap()
     assert caught.value.__notes__ == [note]
+
+
+def test_a_finger_that_another_program_drives_is_left_to_it():
+    """Nobody is asked to switch the power off in the middle of its work."""
+    busy = PortBusy("/dev/stage: another program has the port open.")
+    with pytest.raises(PortBusy) as raised, connected(Refusing(connecting=busy)):
+        pass
+    assert raised.value.__notes__ == ["Finger position unknown: another program drives it."]
 
 
 def test_what_fails_is_told_and_closing_follows():

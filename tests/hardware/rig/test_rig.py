@@ -22,6 +22,7 @@ from solidtouch.hardware.recording.recording import Recorder
 from solidtouch.hardware.recording.settings import about_rig
 from solidtouch.hardware.rig.open_rig import connected
 from solidtouch.hardware.rig.rest import still_pressing
+from solidtouch.hardware.rig.rig import TapTally
 from solidtouch.hardware.simulator.settings import PRESETS
 from solidtouch.models.io.rig import taps_from_recording
 
@@ -347,6 +348,16 @@ def test_after_trouble_the_finger_is_lifted_before_it_goes_sideways(rig_bench):
 
     assert max(sideways[:-5]) < 1.1
     assert rig_bench.place_mm[0] == pytest.approx(2.5, abs=0.01)
+
+
+@pytest.mark.parametrize(("what", "touched"), [(None, 0), (0, 2), (2, 2)])
+def test_taps_that_touch_something_are_counted(any_bench, what, touched):
+    with any_bench.rig() as rig:
+        any_bench.emulation.control({"object": what})
+        rig.tap()
+        rig.tap()
+
+    assert rig.tally == TapTally(accepted=2, touched=touched)
 
 
 def test_a_tap_starts_where_the_rig_was_told_to_stand(rig_bench):
