@@ -20,7 +20,7 @@ class Person:
         file: File descriptor from which Enter is read; default: standard input.
     """
 
-    def __init__(self, say: Callable[[str], None], file: int | None = None) -> None:
+    def __init__(self, say: Callable[[str], object], file: int | None = None) -> None:
         self._say = say
         self._file = sys.stdin.fileno() if file is None else file
 

@@ -329,7 +329,8 @@ def touches(samples: NDArray[np.float64], lead: int, noise_limit: float) -> bool
     With an unknown noise limit every tap counts as a touch.
     """
     rise = (samples[lead:] - samples[: max(lead, 1)].mean(axis=0)).max(axis=1)
-    return not np.isfinite(noise_limit) or (rise > _TOUCH_NOISE_LIMITS * noise_limit).sum() >= _TOUCHED_READINGS
+    high = int((rise > _TOUCH_NOISE_LIMITS * noise_limit).sum())
+    return high >= _TOUCHED_READINGS or not math.isfinite(noise_limit)
 
 
 def implausible(samples: NDArray[np.float64], lead: int, noise_limit: float) -> str | None:
