@@ -263,7 +263,7 @@ class Disturber:
         ends.kept += int(told[1]) if told is not None else len(now.taps)
         self._compare(before, now)
         if told is None and not before.taps and code and self._path.exists():
-            ends.wrong.append(f"{self._kind}: a file without taps is left.")
+            ends.wrong.append(f"{self._kind}: a file is left without a word of it.")
         if code:
             again, said = self._end(self._start(None, *(["--resume"] if self._path.exists() else [])))
             if again:

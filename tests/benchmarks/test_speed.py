@@ -211,6 +211,14 @@ def test_a_killed_collection_loses_nothing_but_the_tap_in_progress():
 
 
 @pytest.mark.slow
+def test_a_disturbed_collection_loses_nothing():
+    printed = run("checks.collecting", "--moments", "1")
+
+    assert "two with one rig" in printed
+    assert "!" not in printed
+
+
+@pytest.mark.slow
 def test_the_study_of_unknown_prints_its_tables():
     assert "no bounds" in run("studies.beliefs.unknown", "--data-sets", "2", "--sessions", "1")
 

@@ -132,7 +132,12 @@ def test_a_tap_faster_than_the_controller_is_refused_before_anything_moves(make_
         assert not any(map(is_move, bench.diary.sent(bench.stage_port)))
 
 
-STATES = {"Door": (b"\x84", "close its safety door and press cycle start"), "Hold": (b"!", "press its cycle start")}
+STATES = {
+    "Door": (b"\x84", "close its safety door and press cycle start"),
+    "Hold": (b"!", "press its cycle start"),
+    "Check": (b"$C\n", r"send \$C"),
+    "Sleep": (b"$SLP\n", "press its reset"),
+}
 
 
 @pytest.mark.parametrize("state", STATES)
@@ -142,7 +147,7 @@ def test_a_person_who_stopped_the_controller_reads_how_to_go_on(rig_bench, state
     with rig_bench.rig() as rig:
         rig_bench.emulation.bench.links[0].device.receive(pressed, rig_bench.clock.now())
         rig.loop.sleep(0.3)
-        sentence = rf"the stage did not stop \(state {state}\); .*; {remedy}.*home it \(--home\)"
+        sentence = rf"the stage did not stop \(state {state}\); it is .*{remedy}.*home it \(--home\)"
         with pytest.raises(NotAtRest, match=sentence):
             rig.tap()
         rig.stage.connect(will_home=True)
