@@ -3,6 +3,9 @@
 import errno
 import os
 import stat
+import subprocess
+import sys
+import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -294,6 +297,44 @@ def test_an_interrupted_forced_folder_is_the_old_or_the_new_one(old_results, tmp
 
     assert contents(old_results) in [dict.fromkeys(ALL, "old") | dict.fromkeys(RESULTS, age) for age in ("old", "new")]
     assert names(tmp_path) == ["out"]
+
+
+REWRITE = """
+import itertools, sys
+from pathlib import Path
+from solidtouch.models.storage import complete_folder
+
+for number in itertools.count(int(sys.argv[2])):
+    with complete_folder(Path(sys.argv[1]), force=True) as temporary:
+        for name in "abcdefgh":
+            (temporary / name).write_text(str(number))
+    print("written", flush=True)
+"""
+
+
+@pytest.mark.slow
+def test_a_killed_forced_folder_is_the_old_or_the_new_one(tmp_path, rng):
+    """Killed while it writes one generation of files after the other; not so if files are moved one by one."""
+    for name in ("one", "other"):
+        (tmp_path / name).mkdir()
+    try:
+        storage._swap(tmp_path / "one", tmp_path / "other")
+    except (OSError, AttributeError) as error:
+        pytest.skip(f"Folders cannot be exchanged here: {error}.")
+    folder = tmp_path / "out"
+    folder.mkdir()
+    (folder / "mine").write_text("mine")
+    for kill in range(20):
+        with subprocess.Popen(
+            [sys.executable, "-c", REWRITE, folder, str(1000 * kill)], stdout=subprocess.PIPE
+        ) as process:
+            process.stdout.readline()
+            time.sleep(rng.uniform(0.0, 0.02))
+            process.kill()
+        found = contents(folder)
+        assert found.pop("mine") == "mine"
+        assert sorted(found) == list("abcdefgh")
+        assert len(set(found.values())) == 1
 
 
 @pytest.mark.parametrize("case", ["no exchange", "no function for it", "no links", "working directory"])
