@@ -2,9 +2,16 @@
 
 import os
 import time
+import warnings
 
 import cloudpickle
 from solidtouch.analysis.tasks.task import attempt
+
+
+def _copy(thing):
+    with warnings.catch_warnings():  # looking for the module of a function, pickle touches deprecated names of SciPy
+        warnings.simplefilter("ignore", DeprecationWarning)
+        return cloudpickle.loads(cloudpickle.dumps(thing))
 
 
 def through_pickle(tasks, work, load):
@@ -12,9 +19,9 @@ def through_pickle(tasks, work, load):
     data, waiting = {}, []
     for task in tasks:
         if task.data not in data:
-            data[task.data] = cloudpickle.loads(cloudpickle.dumps(load(task.data)))
-        theirs, does = cloudpickle.loads(cloudpickle.dumps((task, work)))
-        waiting.append(cloudpickle.loads(cloudpickle.dumps(attempt(theirs, does, data[task.data]))))
+            data[task.data] = _copy(load(task.data))
+        theirs, does = _copy((task, work))
+        waiting.append(_copy(attempt(theirs, does, data[task.data])))
         if len(waiting) == 4:
             yield from reversed(waiting)
             waiting.clear()
