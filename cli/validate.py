@@ -14,7 +14,7 @@ def validate(
     seed: Seed = 0,
     verbose: Annotated[bool, Option("--verbose", help="Print the duration of each check.")] = False,
 ) -> None:
-    """Check this installation against exact answers, in about two minutes; exit code 1 if a check fails."""
+    """Check this installation against exact answers, in about half a minute; exit code 1 if a check fails."""
     with loading():
         from ..analysis.validation.report import validate as study
     from .shared.progress import bars

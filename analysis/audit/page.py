@@ -61,7 +61,7 @@ def _where(audit: Audit, summary: Row) -> Iterator[Block]:
         )
     leaks = Picture(
         "leakage",
-        "Classification without touch",
+        "Classification with and without touch",
         "Accuracy after one tap from whole taps, from samples before contact where these are known, from the "
         "subtracted offsets (which the model never sees) and from taps minus their level before contact, compared "
         "with chance; lines are 95% intervals.",
@@ -410,7 +410,7 @@ def _remedies(summary: Row) -> Table:
         "remedy",
         "gain per tap (nat)",
         error,
-        "change",
+        f"change of {error}",
         "taps",
         "stopped",
         "factor",

@@ -141,8 +141,8 @@ def _blocks(taps: TapSet, where: NDArray[np.intp], what: NDArray[np.intp], grid:
         if name == "(position, object) class" and len(found) > 1:
             continue  # follows from the blocks of objects or positions in most recordings
         yield (
-            f"Recorded in blocks: in session {', '.join(map(str, sessions))} the taps of each {name} are consecutive, "
-            f"so slow sensor drift alone can reveal the {name}."
+            f"Recorded in blocks: in session{'s' * (len(sessions) > 1)} {', '.join(map(str, sessions))} the taps of "
+            f"each {name} are consecutive, so slow sensor drift alone can reveal the {name}."
         )
 
 

@@ -268,7 +268,7 @@ def plot_contacts(axes: Axes, accuracy: xr.Dataset, grid: ClassGrid) -> Axes:
         axes.axhline(1 / size, color=_SERIES[name]["color"], linewidth=0.8, linestyle=":")
     axes.plot([], [], color="grey", linewidth=0.8, linestyle=":", label="chance")
     axes.set(xlabel="contacts", ylabel="fraction correct", ylim=(0, 1.02))
-    if n[-1] > 20 * n[0]:
+    if n[-1] >= 10 * n[0]:
         axes.set_xscale("log")
     axes.set_xticks(n[:: -(-len(n) // 10)], [f"{value:g}" for value in n[:: -(-len(n) // 10)]])
     axes.set_xticks([], minor=True)

@@ -28,6 +28,7 @@ _MARKS: dict[str, dict[str, Any]] = {
 }
 """Verdicts, told apart by colour and by shape."""
 _BAND = "0.93"
+_CHARACTER = 0.055  # width in labels of ticks, of the width of a panel
 _WRAP = 20
 
 
@@ -176,7 +177,7 @@ def _scaled_axis(axes: Axes, rows: Sequence[tuple[str, Row | None]], name: str, 
         band, middle = (np.exp(-bound), np.exp(bound)), 1.0
         ends = min([0.5, *known]) / 1.25, max([2.0, *known]) * 1.25
         axes.set_xscale("log")
-        ticks = [0.01, 0.1, 1, 10, 100]
+        ticks = [10.0**k for k in range(-300, 301)]
     else:
         band, middle = (-bound, bound), 0.0
         ends = 1.4 * min([-2 * bound, *known]), 1.4 * max([2 * bound, *known])
@@ -186,11 +187,23 @@ def _scaled_axis(axes: Axes, rows: Sequence[tuple[str, Row | None]], name: str, 
     axes.axvspan(*band, color=_BAND, linewidth=0)
     axes.axvline(middle, color="black", linewidth=0.6)
     axes.set_xlim(*ends)
-    axes.xaxis.set_major_locator(FixedLocator([tick for tick in ticks if ends[0] <= tick <= ends[1]]))
+    axes.xaxis.set_major_locator(FixedLocator(_apart(axes, [tick for tick in ticks if ends[0] <= tick <= ends[1]])))
     axes.tick_params(axis="x", labelsize=6.5)
     axes.xaxis.set_minor_locator(NullLocator())
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: number(value)))
     return ends
+
+
+def _apart(axes: Axes, ticks: Sequence[float]) -> list[float]:
+    """The middle tick and others that leave room for their labels, the outermost first."""
+    at = axes.transAxes.inverted().transform(axes.transData.transform([(tick, 0.0) for tick in ticks]))[:, 0]
+    length = [len(number(tick)) for tick in ticks]
+    middle = ticks.index(1.0 if 1.0 in ticks and 0.0 not in ticks else 0.0)
+    kept = [middle]
+    for i in sorted(range(len(ticks)), key=lambda i: (-abs(at[i] - at[middle]), i)):
+        if all(abs(at[i] - at[j]) >= _CHARACTER * (1 + (length[i] + length[j]) / 2) for j in kept):
+            kept.append(i)
+    return [ticks[i] for i in sorted(kept)]
 
 
 def _key(figure: Figure) -> None:

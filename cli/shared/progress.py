@@ -49,7 +49,7 @@ def bars() -> Iterator[Callable[[str, int], Callable[[int], None]]]:
                 progress.advance(task, done)
                 if not progress.console.is_terminal and time.monotonic() - said > LINE_S:
                     said = time.monotonic()
-                    so_far = f"{name}: {progress.tasks[task].completed:g} of {total}"
+                    so_far = f"{name}: {progress.tasks[task].completed:.0f} of {total}"
                     progress.console.print(so_far, highlight=False, markup=False)
 
             return advance

@@ -184,5 +184,5 @@ def latency_sentence(latency: "Latency", warm_up_s: float) -> str:
     """Latency of the belief updates, as a sentence."""
     return (
         f"Update latency: median {latency.median_ms:.2f} ms, 99th percentile {latency.high_ms:.2f} ms over "
-        f"{latency.taps} taps, after {warm_up_s:.1f} s of warm-up."
+        f"{latency.taps} tap{'s' * (latency.taps != 1)}, after {warm_up_s:.1f} s of warm-up."
     )

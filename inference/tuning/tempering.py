@@ -62,8 +62,8 @@ class LearnedPower(NamedTuple):
         end = {LEAST: ", the lowest tried,", MOST: ", the highest tried,"}.get(self.power, "")
         return (
             f"Power {self.power:.4g}{end} learned on {_listed(self.sessions)}{how}: it has the highest mean log belief "
-            f"in the true class, {_signed(self.score.max())}, after {self.taps} tap{'s' * (self.taps > 1)} of a class, "
-            "or fewer if it has fewer."
+            f"in the true class, {_signed(self.score.max())}, after {self.taps} tap{'s' * (self.taps > 1)} of a class "
+            "(all taps of a class that has fewer)."
         )
 
 

@@ -178,6 +178,8 @@ def _block_sentences(blocks: dict[str, dict[str, bool]]) -> Iterator[str]:
     found = {name: [side for side, of in blocks.items() if of[name]] for name in quantities}
     for name, sides in found.items():
         if sides:
-            yield f"Recorded in blocks: in {', '.join(sides)} the taps of each {names[name]} are consecutive."
+            sessions = list(dict.fromkeys(side.rpartition(" ")[2] for side in sides))
+            listed = f"session{'s' * (len(sessions) > 1)} {', '.join(sessions)}"
+            yield f"Recorded in blocks: in {listed} the taps of each {names[name]} are consecutive."
     if not any(found.values()):
         yield "Classes were not recorded in blocks."

@@ -112,7 +112,7 @@ def test_blocks_of_objects_and_of_positions_are_told_apart(make_taps):
         data = ordered.dataset.assign_coords(trial=("tap", np.arange(168)))
         warnings = warnings_of(type(taps)(data))
 
-        assert f"Recorded in blocks: in session 0, 1 the taps of each {name} are consecutive" in warnings
+        assert f"Recorded in blocks: in sessions 0, 1 the taps of each {name} are consecutive" in warnings
         assert warnings.count("Recorded in blocks") == 1
 
 

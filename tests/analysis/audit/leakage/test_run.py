@@ -74,7 +74,7 @@ def test_drift_that_tells_objects_recorded_in_blocks_explains_them():
     assert float(result.told["lost_low"].sel(quantity="what")) > 0.3
     assert "not evidence of touch" in result.sentences[0]
     assert "less well" in result.sentences[1]
-    assert "Recorded in blocks: in training session 0, test session 1" in result.sentences[-1]
+    assert "Recorded in blocks: in sessions 0, 1 the taps of each object are consecutive." in result.sentences[-1]
     assert result.blocks["test session 1"] == {"what": True}
 
 
