@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from numpy.typing import DTypeLike, NDArray
 
 _NUMBER = re.compile(r"errno = (\d+)")
+_TRIED = ".solidtouch-tried-"
 
 
 def check_writable(path: str | Path, force: bool = False) -> Path:
@@ -230,7 +231,7 @@ def check_netcdf_name(path: str | Path) -> None:
 def _holds_folders(folder: Path) -> bool:
     """Whether a folder can be created in this one; permissions are not sufficient on virtual file systems."""
     try:
-        with tempfile.TemporaryDirectory(dir=folder):
+        with tempfile.TemporaryDirectory(prefix=_TRIED, dir=folder):
             return True
     except OSError:
         return False
@@ -260,8 +261,8 @@ def check_folder(path: str | Path, force: bool = False) -> Path:
 def complete_folder(path: str | Path, force: bool = False) -> Iterator[Path]:
     """Temporary folder whose files appear in `path` if the block ends without an exception.
 
-    With `force`, files of the same name in an existing folder are overwritten and others kept; also at once, unless
-    the file system or the system has no means for that, or the folder is the working directory.
+    With `force`, files of the same name in an existing folder are overwritten and others kept. Where there are no
+    others, this happens at once, too, unless the system has no means for that or the folder is the working directory.
 
     Raises:
         InputError: The folder exists and is not empty while `force` is not set, or it cannot be written.
@@ -288,32 +289,27 @@ def complete_folder(path: str | Path, force: bool = False) -> Iterator[Path]:
 
 
 def _exchange(new: Path, old: Path) -> bool:
-    """Exchanges two folders, and keeps what only the old one holds; returns whether that was possible."""
+    """Exchanges two folders, if the old one holds nothing but what is replaced; returns whether it did."""
+    names = {entry.name for entry in new.iterdir()}
     try:
         here, there = new.stat(), old.stat()
         if (here.st_uid, here.st_gid) != (there.st_uid, there.st_gid) or Path.cwd().is_relative_to(old):
             return False  # a shell in the old folder would be left in one that is gone
+        if any(entry.name not in names or entry.is_dir() for entry in _others(old)):
+            return False
         shutil.copystat(old, new)
-        _keep(old, new)
         _swap(new, old)
-    except (OSError, AttributeError):  # no links, or no exchange
+    except (OSError, AttributeError):  # the system has no exchange
         return False
-    _keep(new, old)  # what came meanwhile
+    for entry in _others(new):
+        if entry.name not in names:  # it came meanwhile
+            entry.rename(old / entry.name)
     return True
 
 
-def _keep(old: Path, new: Path) -> None:
-    """Links what a folder holds to another folder, unless a name exists there."""
-    for entry in old.iterdir():
-        there = new / entry.name
-        if entry.is_dir() and not entry.is_symlink():
-            if not there.exists():
-                there.mkdir()
-                shutil.copystat(entry, there)
-            if there.is_dir():
-                _keep(entry, there)
-        elif not os.path.lexists(there):
-            os.link(entry, there, follow_symlinks=False)
+def _others(folder: Path) -> list[Path]:
+    """What a folder holds but for what is left of a program that was killed while it tried whether it could write."""
+    return [entry for entry in folder.iterdir() if not entry.name.startswith(_TRIED)]
 
 
 def _swap(one: Path, other: Path) -> None:
