@@ -426,7 +426,8 @@ class TapSet:
         zarr = Path(path).suffix.lower() == ".zarr"
         dataset = read_zarr(path, "taps") if zarr else read_groups(path, "/", on_disk="taps")["/"]
         if dataset.attrs.get("format") != FORMAT or "taps" not in dataset:
-            raise InputError(f"{path}: not a tap set of format {FORMAT}.")
+            other = ", but a fitted model" if "kind" in dataset.attrs else ""
+            raise InputError(f"{path}: not a tap set of format {FORMAT}{other}.")
         try:
             dataset.attrs.pop("missing", None)  # whoever reads the file decides
             return cls(dataset.assign_attrs(_marked(missing)))

@@ -202,6 +202,8 @@ def audit(
     names = model_names(models)
     parts, grid = load_parts(data, division, whole=True)
     grid, dropped = trim(grid, [parts.train])
+    if grid.shape == (1, 1):
+        raise InputError("With one object at one position there is nothing to decide.")
     check_fixation(play.fixation, grid.L)
     fit = fit.changed(seed=seed)
     settings = AuditSettings(

@@ -13,6 +13,7 @@ from ...models.errors import printable
 from .page import Brief, Cautions, Listing, Note, Page, Section, Table, briefs, spans
 
 _WIDEST = 500  # characters
+_WORD = 16  # characters
 
 
 def show(page: Page, console: Console | None = None) -> None:
@@ -59,13 +60,17 @@ def rich_table(table: Table, columns: Sequence[int] = ()) -> RichTable:
     for column in columns:
         heading = _text(table.head[column].replace(" (", "\n(")) if table.head else ""
         words = column == 0 or column in table.words
-        whole = max((len(_text(row[column])) for row in table.rows if column < len(row)), default=0)
-        shown.add_column(
-            heading, justify="left" if words else "right", overflow="fold", min_width=None if words else whole
-        )
+        cells = [_text(row[column]).plain for row in table.rows if column < len(row)]
+        least = max((_least_width(cell) if words else len(cell) for cell in cells), default=0)
+        shown.add_column(heading, justify="left" if words else "right", overflow="fold", min_width=least)
     for row in table.rows:
         shown.add_row(*(_text(row[column]) for column in columns if column < len(row)))
     return shown
+
+
+def _least_width(words: str) -> int:
+    """Width at which no word is broken that has room in a narrow terminal."""
+    return max((len(word) for word in words.split() if len(word) <= _WORD), default=0)
 
 
 def _renderables(brief: Brief) -> Iterator[RenderableType]:

@@ -141,7 +141,8 @@ def _read(path: Path) -> dict[str, xr.Dataset]:
     if attributes.get("kind") == PAPER and version == _FIRST_FORMAT:
         return groups | {"constant_data": groups["/"]}
     if (attributes.get("kind") not in KINDS and "digest" not in attributes) or version != FORMAT:
-        raise InputError(f"{path}: not a fitted model of format {FORMAT} or {_FIRST_FORMAT}.")
+        other = ", but a tap set" if "taps" in groups["/"] else ""
+        raise InputError(f"{path}: not a fitted model of format {FORMAT} or {_FIRST_FORMAT}{other}.")
     return groups
 
 

@@ -295,6 +295,7 @@ BAD = {
     "deadline": (3, ("--deadline", "0"), "deadline"),
     "range": (3, ("--value-range", "all"), "range"),
     "where cell": (3, ("--where-cell", "3s"), "--where-cell"),
+    "one class": (3, ("--where-cell", "16mm", "--what-cell", "20mm"), "there is nothing to decide"),
 }
 
 

@@ -56,3 +56,12 @@ def test_numbers_stay_whole_where_the_console_is_narrow():
         lines = printed(Page("T", [Brief(Table(["name", "error", "taps"], rows))], []), width)
         assert any("0.1234 [0.1000, 0.1500]  0.5678 [0.5000, 0.6500]" in line for line in lines)
         assert any(line.startswith("a name") for line in lines)
+
+
+def test_names_stay_whole_beside_long_headings():
+    """A narrow console breaks headings into lines, not the names of models."""
+    head = ["model", "taps (nat per tap)", "class after 20 taps (nat)", "passive object error at 10 taps (mm)"]
+    rows = [["matrix-normal", "1 (-695)", "3 (-1.25)", "6 (1.53)"]]
+    lines = printed(Page("T", [Brief(Table(head, rows))], []), 56)
+    assert any(line.startswith("matrix-normal ") for line in lines)
+    assert all(len(line) <= 56 for line in lines)

@@ -445,7 +445,7 @@ def test_every_half_of_a_file_is_refused(fitted, taps, tmp_path):
 def test_tap_sets_are_no_models(taps, tmp_path):
     """Though they are netCDF."""
     taps.save(tmp_path / "taps.nc")
-    with pytest.raises(InputError, match=r"taps\.nc: not a fitted model of format 2 or 1"):
+    with pytest.raises(InputError, match=r"taps\.nc: not a fitted model of format 2 or 1, but a tap set\."):
         load_model(tmp_path / "taps.nc")
 
 
