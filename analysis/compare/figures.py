@@ -183,7 +183,7 @@ def plot_against_taps(axes: Axes, curves: xr.Dataset, name: str, policy: str) ->
         axes.plot(
             between, dense[name].values, label=short(model), markevery=np.searchsorted(between, times).tolist(), **style
         )
-        band(axes, between, dense, name, style["color"])
+        band(axes, between, dense, name, style["color"], curves.sizes["model"])
     axes.set(title=policy, ylabel=_label(curves, name), ylim=(0, _ROOM * top if top > 0 else None))
     _time_axis(axes, curves["taps"].values.ravel())
     axes.set_xlabel("mean reaction time (taps)")
@@ -199,7 +199,7 @@ def plot_miscalibration(axes: Axes, curves: xr.Dataset, policy: str) -> Axes:
     for model, style in _styles(curves).items():
         data = curves.sel(model=model)
         axes.plot(theta, data["miscalibration"].values, label=short(model), **style)
-        band(axes, theta, data, "miscalibration", style["color"])
+        band(axes, theta, data, "miscalibration", style["color"], curves.sizes["model"])
     axes.set(title=policy, xlabel="belief threshold", ylabel=_LABELS["miscalibration"], xlim=(0, 1.02))
     return axes
 

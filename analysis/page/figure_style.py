@@ -259,13 +259,13 @@ def line_bundle(axes: Axes, x: NDArray[Any], ys: NDArray[Any], **style: Any) -> 
     axes.add_collection(LineCollection(lines, rasterized=len(lines) > 200, **style))
 
 
-def band(axes: Axes, x: ArrayLike, data: xr.Dataset, name: str, colour: Any) -> None:
-    """Shades the interval of one curve over `x`; of a single point, draws it as a line."""
+def band(axes: Axes, x: ArrayLike, data: xr.Dataset, name: str, colour: Any, curves: int = 1) -> None:
+    """Shades the interval of one of so many curves over `x`, paler if they are many; a single point has a line."""
     low, high = data[f"{name}_low"].values, data[f"{name}_high"].values
     if len(low) == 1:
         axes.vlines(x, low, high, color=colour, linewidth=0.6)
     else:
-        axes.fill_between(np.asarray(x), low, high, color=colour, alpha=0.18, linewidth=0)
+        axes.fill_between(np.asarray(x), low, high, color=colour, alpha=min(0.18, 0.54 / curves), linewidth=0)
 
 
 def every(labels: Sequence[str], characters: int) -> int:

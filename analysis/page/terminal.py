@@ -6,6 +6,7 @@ from io import StringIO
 from rich import box
 from rich.console import Console, RenderableType
 from rich.padding import Padding
+from rich.segment import Segment
 from rich.table import Table as RichTable
 from rich.text import Text
 
@@ -21,9 +22,19 @@ def show(page: Page, console: Console | None = None) -> None:
     console = console or Console()
     for one in gist(page):
         if isinstance(one, RichTable):
-            needed = console.measure(one, options=console.options.update(width=_WIDEST)).minimum
-            one.width = needed if needed > console.width else None
+            _fit(one, console)
         console.print(one, highlight=False, crop=False)
+
+
+def _fit(table: RichTable, console: Console) -> None:
+    """Narrows a table to the console or, if it has no room there, to its least width; rich narrows it too little."""
+    wide = console.options.update(width=_WIDEST)
+    needed, wished = console.measure(table, options=wide)
+    if wished <= console.width:
+        return
+    for table.width in range(max(console.width, needed), needed - 1, -1):
+        if max(map(Segment.get_line_length, console.render_lines(table, wide, pad=False))) <= console.width:
+            return
 
 
 def as_text(page: Page, width: int) -> str:
