@@ -164,7 +164,7 @@ def trials(
     point = check_fixation(play.fixation, grid.L)
     about = {
         "model": called,
-        "taps": f"{len(tested)} of {Path(*names_of([taps])).name}",
+        "taps": f"{len(tested)} taps of {Path(*names_of([taps])).name}",
         "policy": "passive" if play.passive else "active",
         "fixation": "none" if play.passive else grid.where_label(point),
         "start": "anywhere" if start is None else grid.where_label(start),

@@ -25,7 +25,7 @@ def progress_bars() -> "Progress":
     )
 
     times = (TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
-    columns = (TextColumn("{task.description:32}"), BarColumn(20), MofNCompleteColumn(), *times)
+    columns = (TextColumn("{task.description:32}"), BarColumn(8), MofNCompleteColumn(), *times)
     return Progress(*columns, console=Console(stderr=True))
 
 

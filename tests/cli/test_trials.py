@@ -46,7 +46,9 @@ def test_the_file_holds_the_trials_of_the_plan(files, command, tmp_path):
     kept = xr.load_dataset(tmp_path / "out.nc")
 
     assert done.code == 0
-    assert "500 of 500 trials, active to 6.5 mm, theta_X 0.3, from anywhere, on 1600 of" in " ".join(done.out.split())
+    assert "500 of 500 trials, active to 6.5 mm, theta_X 0.3, from anywhere, on 1600 taps of" in " ".join(
+        done.out.split()
+    )
     assert done.err == ""
     assert kept.attrs["trials"] == kept.attrs["requested_trials"] == 500
     assert (kept.attrs["policy"], kept.attrs["seed"], kept.attrs["deadline"]) == ("active", 3, 20)
@@ -73,7 +75,7 @@ def test_single_taps_that_trained_the_model_are_left_out(files, command, tmp_pat
     done = command(*words)
 
     assert "Note: all 7 taps of session 0 trained the model and are left out" in done.err
-    assert "on 1600 of both.nc" in " ".join(done.out.split())
+    assert "on 1600 taps of both.nc" in " ".join(done.out.split())
 
 
 def test_the_code_for_graphics_processors_counts_the_same(files, command):
