@@ -429,9 +429,9 @@ def _cause_key(axes: Axes) -> None:
 
 def _change_key(figure: Figure) -> None:
     words = {
-        "significantly better than the current setting": TRUE,
-        "significantly worse": DECIDED,
-        "not significant": "grey",
+        "better than the current setting (95% interval)": TRUE,
+        "worse": DECIDED,
+        "undecided": "grey",
     }
     keys = [Line2D([], [], color=colour, marker="o", markersize=4, label=word) for word, colour in words.items()]
     figure.legend(handles=keys, loc="outside lower center", ncols=len(keys))

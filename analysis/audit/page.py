@@ -371,7 +371,7 @@ def _remedy(audit: Audit, summary: Row) -> Iterator[Block]:
         "remedies",
         "Effect of the remedies",
         f"Gain in log score per tap over {audit.measured.n} taps, change of the error at the same mean reaction time "
-        "and miscalibration at the threshold, with 95% intervals.",
+        "and miscalibration at the threshold, with 95% intervals of each alone; the table allows for their number.",
         partial(figures.remedies, audit.measured),
     )
     yield Listing(
