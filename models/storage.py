@@ -14,6 +14,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, cast
 
@@ -109,12 +110,26 @@ def write_groups(groups: "Mapping[str, xr.Dataset]", path: str | Path, force: bo
     import xarray as xr  # noqa: PLC0415
 
     with complete_file(path, force, sum(map(room_for, groups.values()))) as temporary:
-        xr.DataTree.from_dict(groups).to_netcdf(temporary, engine="h5netcdf")
+        write_netcdf(xr.DataTree.from_dict(groups), temporary)
         seal(temporary)
 
 
 ON_DISK = 1 << 28
 """Bytes above which samples stay on disk."""
+
+
+def write_netcdf(data: "xr.Dataset | xr.DataTree", path: Path) -> None:
+    """Writes a netCDF file, up to 256 MiB by way of memory: a disk that fills while HDF5 writes may crash Python.
+
+    Raises:
+        OSError: The file cannot be written.
+    """
+    if data.nbytes > ON_DISK:
+        data.to_netcdf(path, engine="h5netcdf")
+        return
+    content = BytesIO()
+    data.to_netcdf(content, engine="h5netcdf")
+    path.write_bytes(content.getvalue())
 
 
 def spooled(

@@ -47,7 +47,7 @@ from .grid import ClassGrid, group, parse_length, values_from_names
 from .io.untrusted import seal
 from .preprocessing import Preprocessing
 from .settings import Missing, check_missing
-from .storage import check_netcdf_name, check_writable, complete_file, read_groups, read_zarr, room_for
+from .storage import check_netcdf_name, check_writable, complete_file, read_groups, read_zarr, room_for, write_netcdf
 from .tap_checks import check_shapes, check_values
 
 FORMAT = 1
@@ -409,7 +409,7 @@ class TapSet:
             if self.samples.nbytes > storage.ON_DISK:
                 write_in_blocks(self.dataset, "taps", temporary)
             else:
-                self.dataset.to_netcdf(temporary, engine="h5netcdf")
+                write_netcdf(self.dataset, temporary)
                 seal(temporary)
 
     @classmethod

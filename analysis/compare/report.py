@@ -19,6 +19,7 @@ from ...models.measurement.registry import NAMES, AnyModel, model_names
 from ...models.progress import Progress, no_progress
 from ...models.settings import Division, FitSettings, PlaySettings
 from ...models.splits import Split, load_experiment
+from ...models.storage import write_netcdf
 from ..experiment.data_warnings import fold_warnings
 from ..page.page import Page, Row
 from ..page.report import StudyReport
@@ -78,7 +79,7 @@ class ComparisonReport(StudyReport):
         return comparison_tree(self.found, self.summary)
 
     def _write_more(self, folder: Path) -> None:
-        self.tree.to_netcdf(folder / "compare.nc", engine="h5netcdf")
+        write_netcdf(self.tree, folder / "compare.nc")
 
 
 def compare(

@@ -20,6 +20,7 @@ from ...models.progress import Progress, no_progress
 from ...models.seeds import data_set_seed
 from ...models.settings import Division, FitSettings, PlaySettings
 from ...models.splits import Fold, Split, load_experiment
+from ...models.storage import write_netcdf
 from ..experiment.policies import combined
 from ..experiment.settings import ExperimentSettings, check_settings
 from ..experiment.study import Study, planned, study
@@ -91,7 +92,7 @@ class ReproductionReport(StudyReport):
         return results_tree(self.request, self.found)
 
     def _write_more(self, folder: Path) -> None:
-        self.tree.to_netcdf(folder / "results.nc", engine="h5netcdf")
+        write_netcdf(self.tree, folder / "results.nc")
 
 
 def reproduce(

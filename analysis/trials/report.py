@@ -24,7 +24,7 @@ from ...models.measurement.model import TapModel
 from ...models.progress import Progress, no_progress
 from ...models.settings import Missing, PlaySettings
 from ...models.splits import missing_sentence, select_sessions
-from ...models.storage import complete_file, room_for
+from ...models.storage import complete_file, room_for, write_netcdf
 from ...models.training import untrained_taps
 from ..experiment.data_warnings import one_object
 from ..page.page import Page
@@ -82,7 +82,7 @@ class TrialsReport(Report):
             InputError: The file cannot be written.
         """
         with complete_file(path, force, room_for(self.results)) as temporary:
-            self.results.to_netcdf(temporary, engine="h5netcdf")
+            write_netcdf(self.results, temporary)
 
 
 def trials(

@@ -6,6 +6,7 @@ import stat
 import subprocess
 import sys
 import time
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -22,6 +23,7 @@ from solidtouch.models.storage import (
     complete_folder,
     read_groups,
     write_groups,
+    write_netcdf,
 )
 
 
@@ -348,6 +350,24 @@ def test_forced_folders_are_written_where_they_are_not_exchanged(old_results, tm
     assert contents(old_results) == NEW | ({"mine": "old"} if case == "another file" else {})
     assert (old_results / "mine").exists() == (case in {"another file", "a folder"})
     assert names(tmp_path) == ["out"]
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="the system has no disk that is always full")
+def test_a_disk_that_fills_is_no_matter_of_hdf5():
+    """Which may crash Python later."""
+    with pytest.raises(OSError, match="No space left on device") as error:
+        write_netcdf(xr.Dataset({"x": ("t", np.arange(1000.0))}), Path("/dev/full"))
+    assert error.value.errno == errno.ENOSPC
+
+
+def test_large_netcdf_files_do_not_go_through_memory(tmp_path, monkeypatch):
+    small = xr.Dataset({"x": ("t", np.arange(1000.0))})
+    monkeypatch.setattr(type(tmp_path), "write_bytes", None)
+    with pytest.raises(TypeError):
+        write_netcdf(small, tmp_path / "small.nc")
+    monkeypatch.setattr(storage, "ON_DISK", 100)
+    write_netcdf(small, tmp_path / "large.nc")
+    xr.testing.assert_identical(xr.load_dataset(tmp_path / "large.nc"), small)
 
 
 def test_an_empty_folder_is_taken(tmp_path):
