@@ -141,7 +141,7 @@ help:
 	@echo "make rig-demo  collect, fit and perceive on emulated devices"
 	@echo "make faults  tap an emulated rig under random faults, damage every byte of its commands, and report; 11 minutes"
 	@echo "make firmware GRBL=DIR  run the stage driver on GRBL's own firmware, built from your checkout of its sources; 5 minutes"
-	@echo "make kills   kill data collections and all long commands at random moments, fill their disks, start them twice; an hour"
+	@echo "make kills   kill data collections and all long commands at random moments, fill their disks, start them twice; two hours"
 	@echo "make mutants  plant small errors and count those that tests notice, into docs/explanation/mutants.md; hours, resumes"
 	@echo "make house   print sizes and shape of the code; VERSION=REVISION measures another version, as far as nothing has to run"
 	@echo "make fuzz    feed the decoders a million random and mutated inputs, the readers 1000 damaged files of each format (FILES=), the commands 10 damaged lines of each of 29 (LINES=)"

@@ -156,6 +156,7 @@ def main() -> None:
     parser.add_argument("--document", type=Path, help="page to update")
     options = parser.parse_args()
     check_block(options.document, BLOCK)
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a script may have started this with Ctrl-C ignored
     outcomes, text = dict[str, Outcome](), ""
     for name, outcome in run(options.only or list(COMMANDS), options.moments, options.seed):
         outcomes[name] = outcome
