@@ -14,7 +14,7 @@ paper's root and the border `uniform` are outside the proofs, and no recorded ta
 """
 
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -30,7 +30,7 @@ from ...models.measurement.model import TapModel
 from ...models.settings import PlaySettings
 from ..stats.decided import Subject, decided_about, independent_decisions
 from ..stats.reliability import EVERYTHING, TRIALS, plain
-from ..stats.right_model import LEVEL, SIMULATIONS, Beside, Reference, compare, simulate
+from ..stats.right_model import LEVEL, SIMULATIONS, Beside, compare, simulate
 from ..stats.uniformity import rejected
 
 PROMISED = "power none, border clamp"
@@ -150,31 +150,6 @@ class PromiseTest(NamedTuple):
     beside: Beside | None = None
 
 
-def promised_way(
-    data: xr.Dataset, policy: str, theta: float, play: PlaySettings, simulations: int = SIMULATIONS
-) -> tuple[PlaySettings, int] | None:
-    """How data sets beside which promises are tested are played, and how many; `None` where nothing is simulated.
-
-    Args:
-        data: From `guarantees`.
-        policy: `"passive"` or `"active"`.
-        theta: The threshold.
-        play: As in `guarantees`.
-        simulations: At least; as many more as Holm's first step needs.
-    """
-    at, above = _above(data, policy, theta)
-    if not above.any():
-        return None
-    way = play.changed(passive=policy == "passive", border="clamp", deadline=int(data.attrs["deadline"]))
-    return way, max(simulations, int(np.ceil(at.sizes["what"] / LEVEL)) - 1)
-
-
-def _above(data: xr.Dataset, policy: str, theta: float) -> tuple[xr.Dataset, NDArray[np.bool_]]:
-    """Promises at the threshold next to one, and whether the interval of each lies above its limit."""
-    at = data.sel(setup=PROMISED, policy=policy).sel(theta=theta, method="nearest")
-    return at, ~at["holds"].values & np.isfinite(at["wrong_low"].values)
-
-
 def exceeded(
     data: xr.Dataset,
     model: TapModel,
@@ -185,7 +160,6 @@ def exceeded(
     play: PlaySettings = PlaySettings(),
     trials: int = TRIALS // 2,
     simulations: int = SIMULATIONS,
-    reference: Reference | None = None,
 ) -> dict[str, PromiseTest]:
     """Which promises at the threshold next to one are exceeded, with power none and border clamp.
 
@@ -200,25 +174,26 @@ def exceeded(
         theta: The threshold.
         play: As in `guarantees`.
         trials: In each simulated data set.
-        simulations: At least, see `promised_way`.
-        reference: These data sets where they are simulated already.
+        simulations: At least; as many more as Holm's first step needs.
 
     Returns:
         By object, `EVERYTHING` first.
     """
-    at, above = _above(data, policy, theta)
-    names = [str(name) for name in at["what"].values]
-    way = promised_way(data, policy, theta, play, simulations)
-    if way is None:
+    at = data.sel(setup=PROMISED, policy=policy).sel(theta=theta, method="nearest")
+    names, above = [str(name) for name in at["what"].values], ~at["holds"].values & np.isfinite(at["wrong_low"].values)
+    if not above.any():
         return dict.fromkeys(names, PromiseTest(exceeded=False))
-    if reference is None:
-        how: Any = {"trials": trials, "seed": int(data.attrs["seed"])}
-        reference = simulate(model, table, [float(at["theta"])], play=way[0], simulations=way[1], **how)
+    reference = simulate(
+        model,
+        table,
+        [float(at["theta"])],
+        play=play.changed(passive=policy == "passive", border="clamp", deadline=int(data.attrs["deadline"])),
+        trials=trials,
+        seed=int(data.attrs["seed"]),
+        simulations=max(simulations, int(np.ceil(len(names) / LEVEL)) - 1),
+    ).missed[:, 0]
     factor, limit = at["factor"].values, at["limit"].values
-    beside = [
-        compare(value, missed / most)
-        for value, missed, most in zip(factor, reference.missed[:, 0].T, limit, strict=True)
-    ]
+    beside = [compare(value, missed / most) for value, missed, most in zip(factor, reference.T, limit, strict=True)]
     sure = above & rejected([one.above for one in beside], LEVEL)
     return {name: PromiseTest(bool(yes), one) for name, yes, one in zip(names, sure, beside, strict=True)}
 

@@ -34,14 +34,13 @@ from ...models.errors import InputError
 from ...models.grid import ClassGrid, TapPool, can_act
 from ...models.measurement.model import TapModel
 from ...models.setting_file import Setting
-from ...models.settings import PlaySettings
 from ...models.taps import TapSet
 from ...models.threads import cores, in_order
 from ..page.html import draw_ahead
 from ..page.page import Row
 from ..stats.decisions import at_equal_taps, play_models, spread_of
 from ..stats.reliability import THETAS, headline, reliability
-from ..stats.right_model import SIMULATIONS, Beside, Reference, compare, exact, simulate_ways
+from ..stats.right_model import SIMULATIONS, Beside, compare, exact, reference_factors
 from .remedies import Remedy
 
 _SEQUENCES, _RESAMPLE_SEQUENCES = 20, 6  # of each class, at least; the latter even, for halves
@@ -112,7 +111,6 @@ class Measured(NamedTuple):
         reliability: Of its decisions, at `THETAS` too.
         played: Of the remedies with the classes of the setting as it is, see `stats.decisions.play_models`.
         table: Test taps as the setting as it is sees them.
-        promised: Decisions of a correct model in another way, where one was asked for.
     """
 
     scores: list[Scored]
@@ -124,7 +122,6 @@ class Measured(NamedTuple):
     reliability: xr.Dataset
     played: xr.Dataset
     table: TapTable
-    promised: Reference | None = None
 
 
 def measure(
@@ -137,7 +134,6 @@ def measure(
     *,
     resamples: int = RESAMPLES,
     simulations: int = SIMULATIONS,
-    another_way: Callable[[TapTable], tuple[PlaySettings, int] | None] = lambda _: None,
 ) -> Measured:
     """Measures remedies; the first is the setting as it is.
 
@@ -150,7 +146,6 @@ def measure(
         advance: Told how much of `count_measurements` is done.
         resamples: Of the taps, for intervals.
         simulations: Of a correct model, with which beliefs are compared.
-        another_way: Of playing them, and how many are needed, for the table of the first; see `promised_way`.
     """
     base = remedies[0]
     shared = _known_to_all(remedies, taps)
@@ -207,16 +202,10 @@ def measure(
             )
         )
         advance(1)
-    own_table, ways = tables[base.name], [base.setting.play.changed(passive=policy == "passive")]
-    expected = iter(range(simulations))  # others come on top
-    if (other := another_way(own_table)) is not None:
-        ways.append(other[0])
-        simulations = max(simulations, other[1])
-    how: Any = {"trials": trials // 2, "seed": seed, "simulations": simulations}
-    how["progress"] = lambda done: None if next(expected, None) is None else advance(done)
-    own, *others = simulate_ways(base.model, own_table, [base.setting.play.threshold], ways, **how)
-    judged = judge(as_it_is, base.model, own_table.pool, own.factor[:, 0])
-    return Measured(scores, n, time, theta, policy, judged, reliable, played, own_table, *others)
+    own_table = tables[base.name]
+    reference = reference_factors(base.model, own_table, base.setting, policy, trials // 2, seed, simulations, advance)
+    judged = judge(as_it_is, base.model, own_table.pool, reference)
+    return Measured(scores, n, time, theta, policy, judged, reliable, played, own_table)
 
 
 def _figures(reliable: xr.Dataset) -> Iterator[partial[Any]]:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import xarray as xr
 
-from ...inference.trials.records import TapTable, tap_table
+from ...inference.trials.records import tap_table
 from ...inference.trials.resampling import RESAMPLES
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
@@ -17,7 +17,6 @@ from ...models.measurement.histogram import HistogramModel
 from ...models.measurement.model import TapModel
 from ...models.progress import Progress
 from ...models.setting_file import Setting
-from ...models.settings import PlaySettings
 from ...models.taps import TapSet, concatenate
 from ...models.threads import one_blas_thread, other_threads
 from ..experiment.parts import AuditParts
@@ -35,7 +34,7 @@ from .dependence.taxels import taxel_dependence
 from .dependence.times import time_dependence
 from .detectable import SIMULATIONS as DESIGN_SIMULATIONS
 from .detectable import Detectable, enough
-from .guarantees import PromiseTest, exceeded, guarantees, promised_way
+from .guarantees import PromiseTest, exceeded, guarantees
 from .leakage.before_contact import check_pre
 from .leakage.run import Leakage, leakage
 from .remedies import RefusedRemedy, Remedy, beside_right, count_remedies, make_remedies
@@ -132,20 +131,6 @@ class Audit(NamedTuple):
     elapsed_s: dict[str, float]
 
 
-class Promises(NamedTuple):
-    """What the stopping rule promises of the measuring taps.
-
-    Attributes:
-        found: See `guarantees`.
-        model: At power none.
-        table: The taps as it sees them.
-    """
-
-    found: xr.Dataset
-    model: TapModel
-    table: TapTable
-
-
 @one_blas_thread()
 def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, progress: Progress) -> Audit:
     """Audits taps as `report.audit` divides them.
@@ -221,7 +206,7 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
             own = parts.train, parts.tune, SEQUENCE, seed, advance, settings.tuned_simulations
             remedies = beside_right(remedies, *own)
         promises = clock.beside(
-            threads, "Checking error bounds", lambda _: _promises(base, parts.measure, grid, settings)
+            threads, "Checking error bounds", lambda _: _promises(base, parts.measure, grid, settings, policy_of(base))
         )
         draw_ahead(_figures(parts, leaks, taxels, times, checks, promises))
         with clock.stage("Measuring remedies", count_measurements(remedies, settings.simulations)) as advance:
@@ -234,21 +219,8 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
                 advance,
                 resamples=settings.resamples,
                 simulations=settings.simulations,
-                another_way=partial(_promised_way, promises, base, settings),
             )
-    split, no_split, p = parted.result()
-    promised = promises.result()
-    broken = exceeded(
-        promised.found,
-        promised.model,
-        promised.table,
-        measured.policy,
-        setting.play.threshold,
-        play=setting.play,
-        trials=settings.trials // 2,
-        simulations=settings.simulations,
-        reference=measured.promised,
-    )
+    (split, no_split, p), (promised, broken) = parted.result(), promises.result()
     with clock.stage("Tuning thresholds", 2) as advance:
         recalibrated = recalibrate(base, parts, settings.trials, seed)
         advance(1)
@@ -270,7 +242,7 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
         refused=refused,
         measured=measured,
         enough=_enough(base, measured, settings, clock),
-        guarantees=promised.found,
+        guarantees=promised,
         exceeded=broken,
         recalibrated=recalibrated,
         target=target,
@@ -286,7 +258,7 @@ def _figures(
     taxels: Future[xr.Dataset],
     times: Future[xr.Dataset],
     checks: Future[xr.DataTree],
-    promises: Future[Promises],
+    promises: Future[tuple[xr.Dataset, dict[str, PromiseTest]]],
 ) -> Iterator[partial[Any]]:
     """Figures of stages that end before the last one, in their order."""
     from . import figures, figures_checks, figures_reliability  # noqa: PLC0415 - loads matplotlib beside those stages
@@ -295,7 +267,7 @@ def _figures(
     yield partial(figures.taxel_map, taxels.result())
     yield partial(figures.times, times.result(), parts.train.preprocessing.rate_hz)
     yield partial(figures_checks.figure_checks, checks.result())
-    yield partial(figures_reliability.guarantee_factors, promises.result().found)
+    yield partial(figures_reliability.guarantee_factors, promises.result()[0])
 
 
 def _enough(base: Remedy, measured: Measured, settings: AuditSettings, clock: StageClock) -> list[Detectable]:
@@ -348,8 +320,12 @@ def _split(
     )
 
 
-def _promises(base: Remedy, taps: TapSet, grid: ClassGrid, settings: AuditSettings) -> Promises:
-    usable, setting = base.model.usable(taps), settings.setting
+def _promises(
+    base: Remedy, taps: TapSet, grid: ClassGrid, settings: AuditSettings, policy: str
+) -> tuple[xr.Dataset, dict[str, PromiseTest]]:
+    """See `guarantees`, and which promises are exceeded by trials of a policy at the threshold in use."""
+    usable = base.model.usable(taps)
+    setting = settings.setting
     correct = replace(base.model, power="none", saturation=np.inf)  # pyright: ignore[reportArgumentType]
     table = tap_table(correct, usable)
     found = guarantees(
@@ -362,16 +338,13 @@ def _promises(base: Remedy, taps: TapSet, grid: ClassGrid, settings: AuditSettin
         trials=settings.trials,
         resamples=settings.resamples,
     )
-    return Promises(found, correct, table)
-
-
-def _promised_way(
-    promises: Future[Promises], base: Remedy, settings: AuditSettings, table: TapTable
-) -> tuple[PlaySettings, int] | None:
-    """See `promised_way`, if the data sets that are drawn from the model in use for such a table are those it needs."""
-    promised, play = promises.result(), settings.setting.play
-    same = base.model.power == "none" and np.isinf(base.model.saturation)
-    same = same and all(map(np.array_equal, table.pool, promised.table.pool))
-    if not same:
-        return None
-    return promised_way(promised.found, policy_of(base), play.threshold, play, settings.simulations)
+    return found, exceeded(
+        found,
+        correct,
+        table,
+        policy,
+        setting.play.threshold,
+        play=setting.play,
+        trials=settings.trials // 2,
+        simulations=settings.simulations,
+    )

@@ -9,10 +9,10 @@ reference, a tap then has as many different samples as the exponent counts, each
 J one sample of each taxel, J times. Below one sample nothing makes beliefs right, and the reference is cautious.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -94,45 +94,27 @@ def simulate(
         draw: Makes one; `None` draws as many taps of each class from `equivalent` of the model.
         progress: Called after every data set.
     """
-    how: Any = {"trials": trials, "seed": seed, "simulations": simulations, "draw": draw, "progress": progress}
-    return simulate_ways(model, table, thresholds, [play], **how)[0]
-
-
-def simulate_ways(
-    model: TapModel,
-    table: TapTable,
-    thresholds: ArrayLike,
-    ways: Sequence[PlaySettings],
-    *,
-    trials: int,
-    seed: int,
-    simulations: int = SIMULATIONS,
-    draw: Callable[[np.random.Generator], TapTable] | None = None,
-    progress: Callable[[int], None] | None = None,
-) -> list[Reference]:
-    """As `simulate`, the same data sets played in several ways."""
     thresholds = np.asarray(thresholds, dtype=np.float64)
     drawn = equivalent(model)
+    aim = check_fixation(play.fixation, model.grid.L) if model.grid.M > 1 else 0
+    rule = make_rule(thresholds, play, seed)._replace(fresh=True)
     draw = partial(drawn_table, drawn, table) if draw is None else draw
-    aims = [check_fixation(play.fixation, model.grid.L) if model.grid.M > 1 else 0 for play in ways]
-    rules = [make_rule(thresholds, play, seed)._replace(fresh=True) for play in ways]
 
-    def one(number: int) -> list[tuple[Floats, Floats]]:
-        subject = decided_about(draw(seeds.generator(seed, seeds.Purpose.RIGHT_MODEL, number)), drawn.grid)
-        found = []
-        for aim, rule in zip(aims, rules, strict=True):
-            plan = plan_trials(subject.table.pool, trials, seed, aim, first_stream=number * trials)
-            played = empty_trials(trials, len(thresholds))
-            LoopPlayer(subject.table, rule)(plan, 0, trials, played)
-            found.append(described(played.what, plan.what, played.belief, played.stopped, len(subject.names)))
-        return found
+    def one(number: int) -> tuple[Floats, Floats]:
+        generator = seeds.generator(seed, seeds.Purpose.RIGHT_MODEL, number)
+        subject = decided_about(draw(generator), drawn.grid)
+        plan = plan_trials(subject.table.pool, trials, seed, aim, first_stream=number * trials)
+        played = empty_trials(trials, len(thresholds))
+        LoopPlayer(subject.table, rule)(plan, 0, trials, played)
+        return described(played.what, plan.what, played.belief, played.stopped, len(subject.names))
 
     found = []
     for result in in_order((partial(one, number) for number in range(simulations)), cores(None)):
         found.append(result)
         if progress is not None:
             progress(1)
-    return [Reference(*map(np.array, zip(*way, strict=True))) for way in zip(*found, strict=True)]
+    factor, missed = zip(*found, strict=True)
+    return Reference(np.array(factor), np.array(missed))
 
 
 def reference_factors(

@@ -15,7 +15,6 @@ from solidtouch.analysis.stats.right_model import (
     exact,
     reference_factors,
     simulate,
-    simulate_ways,
 )
 from solidtouch.inference.trials.records import TapTable, plan_trials
 from solidtouch.inference.trials.run import run_trials
@@ -140,16 +139,6 @@ def test_simulations_repeat_with_the_seed_and_count_their_progress():
     np.testing.assert_array_equal(one.missed, again.missed)
     assert not np.array_equal(one.factor, other.factor)
     assert told == [1] * 12
-
-
-def test_the_same_data_sets_are_played_in_several_ways():
-    model = model_of(L=5, M=2, B=3)
-    table = data_of(model, 6, 0)
-    ways = [PlaySettings(theta_x=0.3, border="circular", fixation=1), PlaySettings(passive=True, deadline=4)]
-    options = {"trials": 90, "seed": 4, "simulations": 3}
-    for found, play in zip(simulate_ways(model, table, [0.6, 0.8], ways, **options), ways, strict=True):
-        for one, alone in zip(found, simulate(model, table, [0.6, 0.8], play=play, **options), strict=True):
-            np.testing.assert_array_equal(one, alone)
 
 
 def test_one_object_has_a_reference_for_its_places():
