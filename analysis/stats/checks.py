@@ -108,11 +108,13 @@ class BinnedTaps(NamedTuple):
 
     @classmethod
     def of(cls, labels: TapLabels, bins: NDArray[np.integer], edges: NDArray[np.float64]) -> Self:
-        """Those of taps in the order of the labels, by the bins of their samples, shape (N, J, K)."""
+        """Those of taps in the order of the labels, by the bins of their samples, shape (N, J, K), which may change."""
         (N, J, K), B, C = bins.shape, edges.shape[-1] - 1, len(labels.classes) - 1
         edges = np.broadcast_to(edges, (K, B + 1))
         centre = (0.5 * (edges[:, :-1] + edges[:, 1:])).ravel()
-        cell = (bins + (np.arange(K) * B).astype(bins.dtype)).astype(np.uint32, copy=False).reshape(N, J * K)
+        cell = bins.astype(np.uint32, copy=False)
+        cell += (np.arange(K) * B).astype(np.uint32)
+        cell = cell.reshape(N, J * K)
         mean, square = np.empty((2, C, J, K))
         residual = np.empty(bins.shape)
         rows = (each.reshape(len(each), -1) for each in (mean, residual, square))

@@ -346,15 +346,15 @@ class PreparedTable(NamedTuple):
 def _begin(cumulative: NDArray[np.float64], begin: NDArray[np.uint32]) -> None:
     """Writes from which bin on random numbers in each of `_PARTS` equal parts of the whole are searched, (C, K, parts).
 
-    That is the one in which the part before begins: starting one part early leaves room for rounding, and of so many
-    parts few hold the end of a bin.
+    That is the one in which the part begins, or one before where rounding may matter; of so many parts few hold the end
+    of a bin.
     """
     C, K, B = cumulative.shape
     for c in range(C):
         for k in range(K):
             b = 0
             for part in range(_PARTS):
-                while b < B - 1 and cumulative[c, k, b] * _PARTS <= (part - 1) * cumulative[c, k, B - 1]:
+                while b < B - 1 and cumulative[c, k, b] * _PARTS <= part * (1 - 1e-12) * cumulative[c, k, B - 1]:
                     b += 1
                 begin[c, k, part] = b
 
