@@ -38,7 +38,7 @@ def test_trials_play_the_other_session(command, folder, tmp_path):
     assert (both.code, both.err) == (0, f"Note: {LEFT_OUT}\n")
     assert (alone.code, alone.err) == (0, "")
     np.testing.assert_array_equal(kept["confusion"], expected["confusion"])
-    assert kept.attrs["taps"] == "84 of both.nc"
+    assert kept.attrs["taps"] == "84 taps of both.nc"
 
 
 def test_trials_on_training_taps_need_the_option(command, folder):
@@ -52,7 +52,7 @@ def test_trials_on_training_taps_need_the_option(command, folder):
     assert refused.err.count("\n") == 1
     assert played.code == 0
     assert played.err.startswith(f"Warning: {PLAYED}")
-    assert "84 of session-0.nc" in said(played.out)
+    assert "84 taps of session-0.nc" in said(played.out)
 
 
 def test_replayed_taps_are_those_of_the_other_session(command, folder):
