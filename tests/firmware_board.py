@@ -153,7 +153,7 @@ class Board:
 
     def state(self):
         """State and position in a status report."""
-        name, place = _REPORT.search(self.say(b"?", 2.0, _REPORT)).groups()
+        name, place = _REPORT.search(self.say(b"?", 20.0, _REPORT)).groups()  # of a board that may be fast
         return name.decode(), tuple(map(float, place.split(b",")))
 
 
