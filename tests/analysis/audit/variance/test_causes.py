@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 import xarray as xr
+from solidtouch.analysis.audit.variance import causes
 from solidtouch.analysis.audit.variance.causes import CAUSES, SIZES, first_cause, split_variance
-from solidtouch.analysis.audit.variance.split import session_p
+from solidtouch.analysis.audit.variance.sample_covariance import SampleMoments
+from solidtouch.analysis.audit.variance.split import EvidenceMoments, session_p
 from solidtouch.analysis.stats.evidence import evidence
 from solidtouch.models.measurement.histogram import fit
 from solidtouch.models.preprocessing import Preprocessing
@@ -288,3 +290,24 @@ def test_results_repeat_with_the_seed():
     xr.testing.assert_identical(one, again)
     np.testing.assert_array_equal(one["share"], other["share"])
     assert not np.array_equal(one["share_low"], other["share_low"])
+
+
+def test_responses_are_corrected_threefold_at_most():
+    """Of one class: a gain of variance 1 predicts 1 of the 10 that is to be explained, so 7 remain."""
+    ones, none = np.ones(1), np.zeros(1)
+    known = SampleMoments(np.eye(4)[None], np.array([[1.0, 0, 0, 0]]), none[None], ones[None], np.zeros((1, 4, 1)))
+    values = EvidenceMoments(
+        session=none,
+        serial=none,
+        covariates=none,
+        suspects=np.zeros((1, 0)),
+        whole=11 * ones,
+        independent=ones,
+        excess=10 * ones,
+        spread=ones,
+        patterns=np.array([[1.0, 0, 0, 0]]),
+        noise=none[None],
+    )
+    found = causes._combine(known, values, np.ones((2, 1)), 5, "", [])
+    np.testing.assert_allclose(found["share gain"], 3 / 11)
+    np.testing.assert_allclose(found["share rest"], 7 / 11)
