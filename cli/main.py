@@ -19,11 +19,12 @@ with loading():
     from .collect import collect
     from .compare import compare
     from .conformance import app as conformance
+    from .convert import convert
     from .crosscheck import crosscheck
-    from .data import convert, inspect
     from .emulate import app as emulate
     from .export_model import export_model
     from .fit import fit
+    from .inspect import inspect
     from .perceive import perceive
     from .reproduce import reproduce
     from .rig import app as rig

@@ -75,6 +75,7 @@ def relabel(
     where_unit: str | None = None,
     what_unit: str | None = None,
     rate_hz: float | None = None,
+    citation: str | None = None,
 ) -> TapSet:
     """The same taps with new attributes; `None` keeps the old one.
 
@@ -87,12 +88,13 @@ def relabel(
         where_unit: Unit of the positions.
         what_unit: Unit of the object sizes.
         rate_hz: Sampling rate in hertz.
+        citation: How to cite the data.
 
     Raises:
         InputError: A unit is given for objects without sizes, or the rate is not positive.
     """
     dataset = taps.dataset.copy()
-    attributes = {"sensor": sensor, "source": source, "licence": licence}
+    attributes = {"sensor": sensor, "source": source, "licence": licence, "citation": citation}
     dataset.attrs.update({name: text for name, text in attributes.items() if text is not None})
     if what_unit is not None and "what_value" not in dataset.coords:
         raise InputError("what_unit (--what-unit) was given, but the objects have no sizes.")

@@ -103,7 +103,7 @@ class Recording:
             InputError: The rows are frames of streams, or as `TapSet`.
         """
         if self.is_stream:
-            raise InputError("contains continuous streams; cut them into taps with solidtouch convert --segment.")
+            raise InputError("contains continuous streams; cut them into taps with solidtouch convert --trigger.")
         record = Preprocessing(samples=self.samples.shape[1], rate_hz=self.rate_hz)
         return self.labels.tapset(self.samples, record, missing)
 

@@ -118,7 +118,7 @@ BAD = {
     ),
     "name taken": ("tap,what,taxel,sample\n0,a,1,2\n", "column sample must be renamed"),
     "quote open": ('tap,what,taxel\n0,"a,1\n', "not a CSV file: unexpected end of data"),
-    "stream": ("what,taxel\na,1\na,2\n", "contains continuous streams; .* solidtouch convert --segment"),
+    "stream": ("what,taxel\na,1\na,2\n", "contains continuous streams; .* solidtouch convert --trigger"),
 }
 
 

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 import typer
-from solidtouch.cli.data import convert, inspect
+from solidtouch.cli.convert import convert
+from solidtouch.cli.inspect import inspect
 from solidtouch.models.errors import InputError
 from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.taps import TapSet
@@ -129,9 +130,9 @@ def test_what_is_left_out_is_said(tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--window", 4), "--window requires --segment"),
-        (("--tare", "none"), "--tare requires --segment"),
-        (("--segment", "--trigger", "clock"), "--segment requires --window"),
+        (("--window", 4), "--window requires --trigger"),
+        (("--tare", "none"), "--tare requires --trigger"),
+        (("--segment", "--trigger", "clock"), "--trigger clock requires --window"),
         (("--segment", "--window", 4), "--segment requires --trigger"),
         (("--segment", "--window", 4, "--trigger", "contact"), "--trigger contact requires a nonzero --level"),
         (
@@ -140,8 +141,8 @@ def test_what_is_left_out_is_said(tmp_path):
         ),
         (("--segment", "--window", 4, "--trigger", "clock", "--level", 2), "does not match trigger_level"),
         ((*CUT, "--level", 300), r"stream\.csv: no tap found in 1 streams: the level is 300"),
-        ((*CUT, "--rate", 0), "rate_hz must be positive"),
-        ((), "cut them into taps with solidtouch convert --segment"),
+        ((*CUT, "--rate", 0), "--rate must be a positive number or none, got 0"),
+        ((), "cut them into taps with solidtouch convert --trigger"),
         ((*CUT, "--what-unit", "mm"), r"\(--what-unit\) was given"),
     ],
 )

@@ -1,0 +1,171 @@
+"""`solidtouch convert`: import recordings of any layout."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from ..models.io.layouts.mapping import TapMap
+from .shared.interrupt import loading
+from .shared.map_options import MAP_OPTIONS
+from .shared.options import Fields, Force, given, spelled_out
+
+if TYPE_CHECKING:
+    from ..models.io.recording import Recording
+    from ..models.preprocessing import Preprocessing
+    from ..models.taps import TapSet
+
+_CUTTING = "level", "window", "pre", "tare", "tare_samples", "highpass"
+
+
+@spelled_out
+def convert(
+    context: typer.Context,
+    sources: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="IN... OUT",
+            help="Recordings, files or folders, and the .nc file to write; each of several recordings is one session.",
+            show_default=False,
+        ),
+    ],
+    map_file: Annotated[
+        Path | None,
+        typer.Option("--map", metavar="FILE", help="Map of the recording; options outweigh it.", show_default=False),
+    ] = None,
+    look: Annotated[
+        bool, typer.Option("--look", help="Show what the files hold and a map to begin with; there is no OUT.")
+    ] = False,
+    force: Force = False,
+    segment: Annotated[
+        bool, typer.Option("--segment", help="Cut continuous streams into taps.", rich_help_panel="Cutting streams")
+    ] = False,
+    options: Annotated[TapMap, Fields(**MAP_OPTIONS)] = TapMap(),
+) -> None:
+    """Import recorded taps, or cut recorded streams into taps, and write one .nc file."""
+    with loading():
+        from ..models.errors import InputError
+        from ..models.io.joining import joined, relabel
+        from ..models.io.layouts.mapping import load_map
+        from ..models.io.load import check_there
+        from ..models.storage import check_netcdf_name, check_writable
+
+    how = options
+    if map_file is not None:
+        chosen = {name: getattr(options, name) for name in MAP_OPTIONS if given(context, name)}
+        how = load_map(map_file).changed(**chosen)
+    if look:
+        from ..models.io.layouts.look import look as looked
+
+        return typer.echo(looked(sources, how), nl=False)
+    *sources, target = sources
+    if not sources:
+        raise InputError(f"{target}: name the recordings and the .nc file to write, or --look to see what is there.")
+    check_netcdf_name(target)
+    check_writable(target, force)
+    _check_cutting(how, segment)
+    check_there(sources)
+    if map_file is not None or how.says_something:
+        taps = _mapped(sources, how, map_file)
+    else:
+        parts = [_taps(path, how) for path in sources]
+        taps = joined(parts, [str(path) for path in sources])
+    labelled = relabel(
+        taps,
+        sensor=how.sensor,
+        source=how.source,
+        licence=how.licence,
+        units=how.units,
+        where_unit=how.where_unit,
+        what_unit=how.what_unit,
+        rate_hz=how.rate,
+        citation=how.citation,
+    )
+    labelled.save(target, force)
+    n, j, k = labelled.samples.shape
+    taps = f"{n} tap{'s' * (n != 1)} of {j} sample{'s' * (j != 1)}"
+    typer.echo(f"{target}: {taps} from {k} taxel{'s' * (k != 1)}.")
+    for name, text in (("Licence", how.licence), ("Cite as", how.citation)):
+        if text:
+            typer.echo(f"{name}: {text}.".replace("..", "."))
+
+
+def _mapped(sources: list[Path], how: TapMap, map_file: Path | None) -> "TapSet":
+    """Taps of a recording as the map describes it."""
+    from ..models.io.layouts.assemble import read_mapped
+
+    recording = read_mapped(sources, how, folder=None if map_file is None else map_file.parent)
+    return recording.tapset() if how.trigger is None else _segmented(recording, how)
+
+
+def _taps(path: Path, how: TapMap) -> "TapSet":
+    """Taps of a file of this software's layout; prints what was left out."""
+    from ..models.io.load import CUT, read_recording
+    from ..models.io.recording import naming
+    from ..models.taps import TapSet
+
+    if path.suffix.lower() in CUT and how.trigger is None:
+        return TapSet.load(path)
+    if path.suffix.lower() == ".mcap" and how.trigger is None:
+        return _recorded(path)
+    recording = read_recording(path)
+    with naming(path):
+        taps = recording.tapset() if how.trigger is None else _segmented(recording, how)
+    for name in recording.left_out:
+        typer.echo(f"Left out, not one row per tap: {name}.")
+    return taps
+
+
+def _recorded(path: Path) -> "TapSet":
+    """Taps of a recording of the rig; prints what was lost."""
+    from ..models.io.rig import read_rig, tapset
+
+    recorded = read_rig(path)
+    if recorded.lost:
+        typer.echo(f"Damaged: {recorded.lost}.")
+    return tapset(recorded, path)
+
+
+def _check_cutting(how: TapMap, segment: bool) -> None:
+    """Checks that the options that cut streams are complete."""
+    from ..models.errors import InputError
+
+    given_ones = [f"--{name.replace('_', '-')}" for name in _CUTTING if getattr(how, name) is not None]
+    if how.trigger is None and (segment or given_ones):
+        raise InputError(f"{'--segment' if segment else given_ones[0]} requires --trigger clock or contact.")
+    if how.trigger is None:
+        return
+    if how.window is None:
+        raise InputError(f"--trigger {how.trigger} requires --window, the number of samples per tap.")
+    if how.trigger == "contact" and not how.level:
+        raise InputError("--trigger contact requires a nonzero --level, the value that counts as contact.")
+    if how.tare in ("stream", "tap") and not how.tare_samples:
+        raise InputError(f"--tare {how.tare} requires --tare-samples, the number of samples to average.")
+
+
+def _preprocessing(how: TapMap, rate_hz: float | None) -> "Preprocessing":
+    """Preprocessing record from the options."""
+    from ..models.preprocessing import Preprocessing
+
+    values: dict[str, Any] = {
+        "samples": how.window,
+        "rate_hz": rate_hz,
+        "tare": how.tare or "none",
+        "tare_samples": how.tare_samples or 0,
+        "highpass_hz": how.highpass or 0.0,
+        "trigger": how.trigger,
+        "trigger_level": how.level or 0.0,
+        "pre_samples": how.pre or 0,
+    }
+    return Preprocessing(**values)
+
+
+def _segmented(recording: "Recording", how: TapMap) -> "TapSet":
+    """Taps cut from the streams; prints what was lost."""
+    from ..models.io.streams import segment
+
+    cut = segment(recording, _preprocessing(how, recording.rate_hz if how.rate is None else how.rate))
+    typer.echo(f"{len(cut.taps)} taps from {cut.streams} streams, {cut.incomplete} incomplete taps left out.")
+    for stream in cut.silent:
+        typer.echo(f"No tap in the stream of {stream}.")
+    return cut.taps

@@ -1,0 +1,107 @@
+"""Options of `convert`, one for each key of a map."""
+
+from typing import Annotated, Any, Literal
+
+import typer
+
+from ...models.settings import SettingError
+
+_FILES, _TEXT, _SAMPLES = "Files", "Text tables", "Samples"
+_LABELS, _CUTTING, _ORIGIN = "Labels", "Cutting streams", "Origin"
+
+
+def _option(kind: Any, panel: str, text: str, metavar: str | None = None, **more: Any) -> Any:
+    return Annotated[kind, typer.Option(help=text, rich_help_panel=panel, metavar=metavar, show_default=False, **more)]
+
+
+def _parts(text: str) -> str | tuple[str, ...]:
+    """Names separated by commas, or one."""
+    parts = tuple(part.strip() for part in text.split(","))
+    return text if len(parts) == 1 else parts
+
+
+def _positions(text: str) -> str | tuple[float, ...]:
+    """Numbers separated by commas, or the name of an array."""
+    parts = text.split(",")
+    if len(parts) == 1:
+        return text
+    try:
+        return tuple(float(part) for part in parts)
+    except ValueError:
+        raise SettingError("where_values", f"must be numbers such as 0,1.5,3, or an array, got {text!r}.") from None
+
+
+_SOURCE = "COLUMN, file:PATTERN, folder:PATTERN, TABLE.csv or =TEXT"
+_Text = str | None
+MAP_OPTIONS: dict[str, Any] = {
+    "files": _option(_Text, _FILES, "Which files below each folder, such as '{what}/*_{where}mm.csv'.", "PATTERN"),
+    "format": _option(
+        Literal["text", "npy", "npz", "mat", "hdf5", "netcdf", "zarr", "parquet", "arrow", "jsonl", "mcap"] | None,
+        _FILES,
+        "Format of the files, if their names do not tell.",
+    ),
+    "delimiter": _option(_Text, _TEXT, "Between cells: a character, tab or blank; default: found.", "CHARACTER"),
+    "decimal": _option(Literal[".", ","], _TEXT, "Decimal mark; default: a point."),
+    "skip_rows": _option(int, _TEXT, "Lines before the header.", "N"),
+    "comment": _option(str, _TEXT, "What begins a comment, such as '#'.", "TEXT"),
+    "header": _option(bool, _TEXT, "Whether the table has a header."),
+    "taxels": _option(
+        list[str] | None,
+        _SAMPLES,
+        "Columns that are taxels: names, patterns such as 'Signal*' or a slice such as 3:15; repeatable.",
+        "COLUMNS",
+    ),
+    "taps": _option(_Text, _SAMPLES, "Array that holds the samples.", "ARRAY"),
+    "axes": _option(_Text, _SAMPLES, "Its axes, such as what,trial,sample,taxel.", "AXES"),
+    "tap": _option(_Text, _SAMPLES, "Column that numbers the taps; file or row: each of them is one.", "COLUMN"),
+    "time": _option(_Text, _SAMPLES, "Column or array of times.", "COLUMN"),
+    "time_unit": _option(Literal["s", "ms", "us", "ns"] | None, _SAMPLES, "Unit of the times."),
+    "rate": _option(float | None, _SAMPLES, "Sampling rate, if the file does not state it.", "HZ"),
+    "units": _option(_Text, _SAMPLES, "Unit of the samples.", "UNIT"),
+    "scale": _option(float, _SAMPLES, "Factor from numbers in the file to the unit.", "X"),
+    "what": _option(_Text, _LABELS, f"Object of a tap: {_SOURCE}.", "SOURCE"),
+    "where": _option(
+        list[str] | None, _LABELS, "Position of a tap, likewise; given twice or three times: x, y and angle.", "SOURCE"
+    ),
+    "session": _option(_Text, _LABELS, "Recording session of a tap, likewise, or file.", "SOURCE"),
+    "trial": _option(_Text, _LABELS, "Number of a tap, likewise.", "SOURCE"),
+    "what_names": _option(
+        Any, _LABELS, "Names that --what indexes: NAME,NAME,... or the array that holds them.", "NAMES", parser=_parts
+    ),
+    "where_values": _option(
+        Any, _LABELS, "Positions that --where indexes: X,X,... or their array.", "VALUES", parser=_positions
+    ),
+    "one_based": _option(bool, _LABELS, "Indices count from 1, as in MATLAB."),
+    "what_value": _option(_Text, _LABELS, "Size of an object: a source, or names, as in 'rod 4 mm'.", "SOURCE"),
+    "what_unit": _option(_Text, _LABELS, "Unit of the object sizes.", "UNIT"),
+    "where_unit": _option(_Text, _LABELS, "Unit of the positions.", "UNIT"),
+    "where_scale": _option(float, _LABELS, "Factor from numbers in the file to the unit.", "X"),
+    "extra": _option(list[str] | None, _LABELS, "Further column or array to keep; repeatable.", "COLUMN"),
+    "trigger": _option(
+        Literal["clock", "contact"] | None,
+        _CUTTING,
+        "Start of a tap: every WINDOW frames, or when a taxel reaches LEVEL.",
+    ),
+    "level": _option(
+        float | None,
+        _CUTTING,
+        "Preprocessed value that counts as contact; negative if values fall under load.",
+    ),
+    "window": _option(int | None, _CUTTING, "Samples per tap."),
+    "pre": _option(int | None, _CUTTING, "Samples of a tap before contact.", min=0),
+    "tare": _option(
+        Literal["none", "stream", "tap"] | None,
+        _CUTTING,
+        "Subtract the mean of the first samples of the stream or of each tap.",
+    ),
+    "tare_samples": _option(int | None, _CUTTING, "Number of samples to average for the tare."),
+    "highpass": _option(float | None, _CUTTING, "Cut-off frequency of a high-pass filter.", "HZ"),
+    "sensor": _option(_Text, _ORIGIN, "Name of the sensor."),
+    "source": _option(_Text, _ORIGIN, "Origin of the recording."),
+    "licence": _option(_Text, _ORIGIN, "Licence of the recording."),
+    "citation": _option(_Text, _ORIGIN, "How to cite it."),
+}
+"""Command-line options of the keys of a map."""
+for _name, _annotated in MAP_OPTIONS.items():
+    _words = f"--{_name.replace('_', '-')}"
+    _annotated.__metadata__[0].param_decls = (f"{_words}/--no-header" if _name == "header" else _words,)

@@ -1,0 +1,293 @@
+"""One recording from the pieces of files that a map describes."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ... import storage
+from ...blocks import over_blocks
+from ...errors import InputError
+from ...grid import values_from_names
+from ...settings import Missing
+from ..recording import Labels, Recording, as_samples, naming
+from .files import source_files
+from .labels import ByOrder, LabelTables, as_numbers, as_texts
+from .mapping import PLANE, TapMap
+from .patterns import natural
+from .pieces import Piece, pieces
+
+_SAME_RATE = 0.02
+"""Rates of two files that differ by less in proportion are one: clocks of computers jitter."""
+
+
+def read_mapped(
+    sources: Sequence[str | Path], how: TapMap, missing: Missing = "refuse", folder: str | Path | None = None
+) -> Recording:
+    """Taps or streams of files as a map describes them.
+
+    Args:
+        sources: Files and folders; without labels of sessions each of them is one.
+        how: The map.
+        missing: What to do with samples that are NaN, see `load_taps`.
+        folder: Where tables of labels are looked for first, that of the map.
+
+    Raises:
+        InputError: A file is missing or damaged, does not hold what the map says, or does not go with another; the
+            message names file, array or column, and place, and the key of the map.
+    """
+    paths = [Path(source) for source in sources]
+    files = source_files(paths, how)
+    beside = [path if path.is_dir() else path.parent for path in paths]
+    tables = LabelTables([*([] if folder is None else [Path(folder)]), *dict.fromkeys(beside)], how.text_table)
+    found = list(pieces(files, how, tables))
+    if not sum(piece.rows for piece in found):
+        raise InputError(f"{paths[0]}: no taps.")
+    samples = _joined(found, how, missing)
+    labels = _labels(found, how)
+    rate = how.rate or _common_rate(found)
+    if samples.ndim == 3:  # noqa: PLR2004
+        return Recording(samples, labels, rate)
+    file = np.repeat(np.arange(len(found)), [piece.rows for piece in found])
+    return Recording(samples, labels, rate, file)
+
+
+def _joined(found: Sequence[Piece], how: TapMap, missing: Missing) -> NDArray[np.floating]:
+    """Samples of all pieces, in a temporary file if they are many."""
+    first = found[0]
+    for piece in found:
+        with naming(piece.file.path):
+            if piece.signal.cut != first.signal.cut:
+                raise InputError(f"holds {_kind(piece)}, {first.file.path} {_kind(first)}.")
+            _check_size(piece, first)
+    parts = [_whole(piece) for piece in found]
+    samples = as_samples("taps", _concatenated(parts), missing)
+    return samples if how.scale == 1 else samples * how.scale
+
+
+def _kind(piece: Piece) -> str:
+    return "taps" if piece.signal.cut else "a stream"
+
+
+def _taxels(piece: Piece) -> int:
+    return int(np.asarray(piece.signal.samples[0]).shape[-1]) if piece.rows else 0
+
+
+def _check_size(piece: Piece, first: Piece) -> None:
+    if piece.rows and _taxels(piece) != _taxels(first):
+        raise InputError(f"{_taxels(piece)} taxels, but {_taxels(first)} in {first.file.path}.")
+
+
+def _whole(piece: Piece) -> NDArray[Any]:
+    samples = piece.signal.samples
+    return np.concatenate(samples) if isinstance(samples, list) else samples
+
+
+def _concatenated(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    """The parts one after the other, in a temporary file if they are many."""
+    if len(parts) == 1:
+        return parts[0]
+    kind = np.result_type(*parts)
+    if sum(part.nbytes for part in parts) > storage.ON_DISK:
+        shape = (sum(map(len, parts)), *parts[0].shape[1:])
+        blocks = (block for part in parts for block in over_blocks(part, lambda block, _: block))
+        joined = storage.spooled((np.ascontiguousarray(block, kind).data for block in blocks), shape, kind)
+        if joined is not None:
+            return joined
+    return np.concatenate(parts)
+
+
+def _labels(found: Sequence[Piece], how: TapMap) -> Labels:
+    """Labels of all taps or rows, and the tables they refer to."""
+    what, names, sizes = _objects(found, how)
+    where, tables = _positions(found, how)
+    units = {piece.unit for piece in found}
+    tables |= {"units": how.units or (units.pop() if len(units) == 1 else "")}
+    tables |= {key: getattr(how, key) or "" for key in ("sensor", "source", "licence")}
+    if sizes is not None:
+        tables |= sizes
+    return Labels(
+        what=what,
+        where=where,
+        session=_sessions(found),
+        trial=_trials(found),
+        what_name=names,
+        extra={name: values for name in how.extra if (values := _values(found, name)) is not None},
+        tables=tables,
+    )
+
+
+def _values(found: Sequence[Piece], key: str) -> NDArray[Any] | None:
+    """A label of all taps or rows, shape (n,): numbers, or texts; `None` where it is nowhere."""
+    with_axis = [key in piece.signal.axis_index for piece in found]
+    if any(with_axis):
+        return np.concatenate([piece.signal.axis_index[key] for piece in found])
+    if key not in found[0].labels:
+        return None
+    first = found[0].labels[key]
+    if isinstance(first, ByOrder):
+        total = sum(piece.rows for piece in found)
+        if len(first.values) != total:
+            raise InputError(
+                f"{first.table}: {len(first.values)} rows for {total} taps, and no column with the names of the files."
+            )
+        return first.values
+    parts = []
+    for piece in found:
+        value = piece.labels[key]
+        with naming(piece.file.path):
+            if isinstance(value, np.ndarray) and len(value) != piece.rows:
+                raise InputError(f"{key} (--{key.replace('_', '-')}) has {len(value)} values for {piece.rows} taps.")
+            parts.append(value if isinstance(value, np.ndarray) else np.repeat(np.asarray(value), piece.rows))
+    if len({part.dtype.kind in "US" for part in parts}) > 1:
+        parts = [np.array(as_texts(part)) for part in parts]
+    return np.concatenate(parts)
+
+
+def _objects(
+    found: Sequence[Piece], how: TapMap
+) -> tuple[NDArray[np.int64], tuple[str, ...], dict[str, Any] | None]:
+    """Index and names of the objects, and their sizes with the unit: by size, else in order of appearance."""
+    raw = _values(found, "what")
+    total = sum(piece.rows for piece in found)
+    raw = np.repeat(np.array("object"), total) if raw is None else raw
+    listed = _table(found, how.what_names, "what_names")
+    if listed is not None:
+        by_axis = any("what" in piece.signal.axis_index for piece in found)
+        index = _indices("what", raw, len(listed), how.one_based and not by_axis)
+        names = np.array(as_texts(listed))
+    else:
+        texts, first, inverse = np.unique(as_texts(raw), return_index=True, return_inverse=True)
+        order = np.argsort(first)
+        index, names = np.argsort(order)[inverse], texts[order]
+    sizes = _sizes(found, how, index, tuple(names.tolist()))
+    if sizes is not None and listed is None:
+        order = np.argsort(sizes["what_value"], kind="stable")
+        index, names = np.argsort(order)[index], names[order]
+        sizes["what_value"] = sizes["what_value"][order]
+    return index.astype(np.int64), tuple(names.tolist()), sizes
+
+
+def _sizes(
+    found: Sequence[Piece], how: TapMap, what: NDArray[np.int64], names: tuple[str, ...]
+) -> dict[str, Any] | None:
+    """Size of each object and its unit."""
+    if how.what_value is None:
+        return None
+    if how.what_value == "names":
+        known = values_from_names(names)
+        if known is None:
+            raise InputError(
+                "what_value (--what-value): the names of the objects are not one number with a unit between the same "
+                f"words: {', '.join(names[:5])}."
+            )
+        return {"what_value": known[0], "what_unit": how.what_unit or known[1]}
+    raw = _values(found, "what_value")
+    values, unit = as_numbers("what_value", np.asarray(raw))
+    sizes = np.full(len(names), np.nan)
+    if len(values) != len(what):
+        raise InputError(f"what_value (--what-value) has {len(values)} values for {len(what)} taps.")
+    sizes[what] = values
+    differing = np.flatnonzero(sizes[what] != values)
+    if len(differing):
+        tap = int(differing[0])
+        raise InputError(f"what_value (--what-value): {names[what[tap]]} has {values[tap]:g} and {sizes[what[tap]]:g}.")
+    return {"what_value": sizes, "what_unit": how.what_unit or unit}
+
+
+def _table(found: Sequence[Piece], told: Any, key: str) -> NDArray[Any] | None:
+    """Names or positions that an index refers to, from the map or an array."""
+    if told is None:
+        return None
+    if not isinstance(told, str):
+        return np.asarray(told)
+    first = found[0].tables[key].reshape(-1)
+    for piece in found:
+        if not np.array_equal(piece.tables[key].reshape(-1), first):
+            raise InputError(f"{piece.file.path}: {told} differs from that of {found[0].file.path}.")
+    return first
+
+
+def _indices(key: str, raw: NDArray[Any], size: int, one_based: bool) -> NDArray[np.int64]:
+    """Indices from 0."""
+    numbers, _ = as_numbers(key, raw)
+    bad = np.flatnonzero(numbers != np.round(numbers))
+    if len(bad):
+        raise InputError(f"{key} (--{key}) is {numbers[bad[0]]:g} of tap {bad[0]}, not an index.")
+    index = numbers.astype(np.int64) - one_based
+    bad = np.flatnonzero((index < 0) | (index >= size))
+    if len(bad):
+        hint = "; if indices count from 1, say one_based (--one-based)" if numbers.max() == size else ""
+        raise InputError(f"{key} (--{key}) is {numbers[bad[0]]:g} of tap {bad[0]}, outside the {size} entries{hint}.")
+    return index
+
+
+def _positions(found: Sequence[Piece], how: TapMap) -> tuple[NDArray[np.float64], dict[str, Any]]:
+    """Position of each tap, and the tables that belong to it."""
+    plane = [_values(found, key) for key in PLANE]
+    if plane[0] is not None:
+        return _in_plane([as_numbers(key, raw) for key, raw in zip(PLANE, plane, strict=True) if raw is not None], how)
+    raw = _values(found, "where")
+    if raw is None:
+        return np.zeros(sum(piece.rows for piece in found)), {"where_unit": how.where_unit or ""}
+    listed = _table(found, how.where_values, "where_values")
+    if listed is None:
+        numbers, unit = as_numbers("where", raw)
+        return numbers * how.where_scale, {"where_unit": how.where_unit or unit}
+    by_axis = any("where" in piece.signal.axis_index for piece in found)
+    values, unit = as_numbers("where_values", listed)
+    index = _indices("where", raw, len(values), how.one_based and not by_axis)
+    return values[index] * how.where_scale, {"where_unit": how.where_unit or unit}
+
+
+def _in_plane(
+    axes: Sequence[tuple[NDArray[np.float64], str]], how: TapMap
+) -> tuple[NDArray[np.float64], dict[str, Any]]:
+    """Positions in a plane as one axis: numbered from 0 by x, then by y, then by angle."""
+    places = np.stack([values for values, _ in axes], axis=1) * how.where_scale
+    _, index = np.unique(places, axis=0, return_inverse=True)
+    return index.reshape(-1).astype(np.float64), {"where_unit": ""}
+
+
+def _sessions(found: Sequence[Piece]) -> NDArray[np.int64]:
+    """Session of each tap or row: whole numbers as they stand, others numbered; each source has its own."""
+    raw, rows = _values(found, "session"), [piece.rows for piece in found]
+    source = np.repeat([piece.file.source for piece in found], rows)
+    if raw is None:
+        return source.astype(np.int64)
+    texts = as_texts(raw)
+    if source.max() == 0 and all(text.isdecimal() and len(text) < 10 for text in set(texts)):  # noqa: PLR2004
+        return np.array([int(text) for text in texts])
+    pairs = [(of, text) for of, text in zip(source.tolist(), texts, strict=True)]
+    order = sorted(set(pairs), key=lambda pair: (pair[0], natural(pair[1])))
+    number = {pair: n for n, pair in enumerate(order)}
+    return np.array([number[pair] for pair in pairs])
+
+
+def _trials(found: Sequence[Piece]) -> NDArray[np.int64] | None:
+    """Number of each tap as recorded."""
+    raw = _values(found, "trial")
+    if raw is None:
+        return None
+    numbers, _ = as_numbers("trial", raw)
+    bad = np.flatnonzero(numbers != np.round(numbers))
+    if len(bad):
+        raise InputError(f"trial (--trial) is {numbers[bad[0]]:g} of tap {bad[0]}, not an integer.")
+    return numbers.astype(np.int64)
+
+
+def _common_rate(found: Sequence[Piece]) -> float | None:
+    """Rate of all pieces."""
+    rates = [piece.rate_hz for piece in found if piece.rate_hz is not None]
+    if not rates:
+        return None
+    rate = float(f"{np.median(rates):.6g}")
+    for piece in found:
+        if piece.rate_hz is not None and abs(piece.rate_hz / rate - 1) > _SAME_RATE:
+            raise InputError(
+                f"{piece.file.path}: {piece.rate_hz:g} samples per second, others {rate:g}; resample, or say the rate "
+                "with --rate."
+            )
+    return rate

@@ -1,0 +1,104 @@
+"""The files of a recording: those that were named, or those below a folder that match a pattern."""
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from ...errors import InputError, check_path
+from .formats.registry import ENDINGS, ending
+from .mapping import LABELS, TapMap
+from .patterns import compiled_pattern, fields_of, natural
+
+_MOST_SHOWN = 5
+
+
+@dataclass(frozen=True)
+class SourceFile:
+    """One file of a recording.
+
+    Attributes:
+        path: Where it is.
+        below: Its path below the folder that was named, or its name, with `/` between folders.
+        source: Number of the file or folder that was named, from 0.
+        fields: Texts of the fields of its name.
+    """
+
+    path: Path
+    below: str
+    source: int
+    fields: dict[str, str] = field(default_factory=dict)
+
+
+def source_files(sources: Sequence[Path], how: TapMap) -> list[SourceFile]:
+    """The files, in the natural order of their names in each folder.
+
+    Raises:
+        InputError: There is none, or the name of one does not match a pattern of the map.
+    """
+    found = [file for number, path in enumerate(sources) for file in _below(check_path(path), number, how)]
+    patterns = {key: value for key in LABELS for value in _patterns(getattr(how, key)) if value}
+    return [_labelled(file, patterns) for file in found]
+
+
+def _patterns(value: object) -> Iterator[str]:
+    """The patterns of names among the sources of a label."""
+    for text in (value,) if isinstance(value, str) else value if isinstance(value, tuple) else ():
+        if isinstance(text, str) and text.startswith(("file:", "folder:")):
+            yield text
+
+
+def _below(path: Path, number: int, how: TapMap) -> Iterator[SourceFile]:
+    if not path.exists():
+        raise InputError(f"{path}: no such file.")
+    if path.is_file() or (path.is_dir() and ending(path.name) in ENDINGS):
+        yield SourceFile(path, path.name, number)
+        return
+    names = names_below(path)
+    if how.files is None:
+        kinds = Counter(kind for name in names if (kind := ending(name)) in ENDINGS)
+        if not kinds:
+            raise InputError(f"{path}: no file of a known kind in this folder ({', '.join(sorted(ENDINGS))}).")
+        if len({ENDINGS[kind] for kind in kinds}) > 1:
+            counted = ", ".join(f"{n} {kind}" for kind, n in kinds.most_common(_MOST_SHOWN))
+            raise InputError(f"{path}: holds files of several kinds ({counted}); say which with files (--files).")
+        yield from (SourceFile(path / name, name, number) for name in names if ending(name) in kinds)
+        return
+    pattern = compiled_pattern(how.files, "files (--files)")
+    matched = [(name, found) for name in names if (found := pattern.fullmatch(name))]
+    if not matched:
+        shown = ", ".join(names[:_MOST_SHOWN]) or "none"
+        raise InputError(f"{path}: none of {len(names)} files matches files (--files) {how.files!r}; files: {shown}.")
+    yield from (SourceFile(path / name, name, number, found.groupdict()) for name, found in matched)
+
+
+def names_below(folder: Path) -> list[str]:
+    """Paths of the files below a folder in natural order; a store of Zarr is one."""
+    return sorted(_names(folder), key=natural)
+
+
+def _names(folder: Path) -> Iterator[str]:
+    for root, folders, files in folder.walk():
+        stores = [name for name in folders if ending(name) in ENDINGS]
+        folders[:] = [name for name in folders if name not in stores and not name.startswith(".")]
+        for name in (*files, *stores):
+            if not name.startswith("."):
+                yield (root / name).relative_to(folder).as_posix()
+
+
+def _labelled(file: SourceFile, patterns: dict[str, str]) -> SourceFile:
+    """The file with the fields of its name."""
+    fields = dict(file.fields)
+    for key, text in patterns.items():
+        kind, _, pattern = text.partition(":")
+        name = file.path.name if kind == "file" else file.below
+        option = f"{key} (--{key})"
+        found = compiled_pattern(pattern, option).fullmatch(name)
+        if found is None:
+            raise InputError(f"{file.path}: its name {name!r} does not match {option} {text!r}.")
+        for field_name, value in found.groupdict().items():
+            if fields.setdefault(field_name, value) != value:
+                raise InputError(f"{file.path}: {{{field_name}}} is {fields[field_name]!r} and {value!r}.")
+        if key not in fields_of(pattern):
+            raise InputError(f"{option}: the pattern {pattern!r} has no field {{{key}}}.")
+    return SourceFile(file.path, file.below, file.source, fields)

@@ -1,0 +1,71 @@
+"""Opens a file by the ending of its name or a format that was stated."""
+
+from collections.abc import Callable, Mapping
+from importlib import import_module
+from pathlib import Path, PurePosixPath
+
+from ....errors import InputError
+from ...recording import naming
+from .contents import Contents, TextTable
+
+ENDINGS: Mapping[str, str] = {
+    ".csv": "text",
+    ".tsv": "text",
+    ".txt": "text",
+    ".dat": "text",
+    ".npy": "npy",
+    ".npz": "npz",
+    ".mat": "mat",
+    ".h5": "hdf5",
+    ".hdf5": "hdf5",
+    ".nc": "netcdf",
+    ".zarr": "zarr",
+    ".parquet": "parquet",
+    ".arrow": "arrow",
+    ".feather": "arrow",
+    ".jsonl": "jsonl",
+    ".ndjson": "jsonl",
+    ".json": "jsonl",
+    ".mcap": "mcap",
+}
+"""Format of the files with an ending."""
+_OPENERS = {
+    "text": ("text", "open_text"),
+    "npy": ("numpy_files", "open_npy"),
+    "npz": ("numpy_files", "open_npz"),
+    "mat": ("matlab", "open_mat"),
+    "hdf5": ("hdf5", "open_hdf5"),
+    "netcdf": ("hdf5", "open_netcdf"),
+    "zarr": ("zarr_store", "open_zarr"),
+    "parquet": ("columnar", "open_parquet"),
+    "arrow": ("columnar", "open_arrow"),
+    "jsonl": ("json_lines", "open_json_lines"),
+    "mcap": ("mcap", "open_mcap"),
+}
+
+
+def ending(name: str) -> str:
+    """Ending of a file's name, in small letters."""
+    return PurePosixPath(name).suffix.lower()
+
+
+def open_contents(path: Path, how: TextTable, kind: str | None = None) -> Contents:
+    """What a file holds.
+
+    Args:
+        path: The file, or the folder of a Zarr store.
+        how: How a table of text is written.
+        kind: Its format, where the ending of its name does not tell.
+
+    Raises:
+        InputError: The file is damaged or of an unknown format; the message names it.
+    """
+    kind = kind or ENDINGS.get(ending(path.name))
+    if kind is None:
+        raise InputError(f"{path}: unknown format; say which with format (--format): {', '.join(_OPENERS)}.")
+    module, name = _OPENERS[kind]
+    opener: Callable[[Path, TextTable], Contents] = getattr(import_module(f"{__package__}.{module}"), name)
+    with naming(path):
+        if path.is_file() and not path.stat().st_size:
+            raise InputError("the file is empty.")
+        return opener(path, how)

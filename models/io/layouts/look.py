@@ -1,0 +1,188 @@
+"""What is in files of an unknown layout, and a map to begin with, as one text that is a map itself."""
+
+import json
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError, check_path, printable
+from .assemble import read_mapped
+from .files import SourceFile, names_below, source_files
+from .formats.contents import Contents, Variable
+from .formats.registry import ENDINGS, ending, open_contents
+from .guess import Guess, array_guesses, column_guesses, name_pattern
+from .mapping import TapMap
+
+_MOST_NAMES, _MOST_VARIABLES = 6, 40
+_SMALL = 1 << 27
+"""Bytes of arrays that are read to show their range."""
+
+
+def look(sources: Sequence[str | Path], how: TapMap) -> str:
+    """What files hold, in comments, and a map to begin with.
+
+    Args:
+        sources: Files and folders.
+        how: What is known of the map.
+
+    Raises:
+        InputError: A file is missing or cannot be opened.
+    """
+    paths = [check_path(source) for source in sources]
+    lines: list[str] = []
+    for path in paths:
+        lines += _files(path)
+    kind = None if how.files is not None else _kind(paths)
+    files = source_files(paths, how if kind is None else how.changed(files=f"**/*{kind}"))
+    names = [file.below for file in files]
+    guesses: list[Guess] = []
+    if how.files is None and len(files) > 1:
+        pattern, guesses = name_pattern(names)
+        guesses = [guess for guess in guesses if getattr(how, guess.key, None) is None]
+        guesses.insert(0, Guess("files", pattern or f"**/*{kind}", f"{len(files)} files"))
+    contents = open_contents(files[0].path, how.text_table, how.format)
+    lines += ["", f"{files[0].below}:", *_held(contents, values := _read(contents))]
+    lines += _differences(files[1:2], contents, how)
+    inside = column_guesses(contents, values) if contents.table else array_guesses(contents, values)
+    known = {guess.key for guess in guesses}
+    guesses += [guess for guess in inside if guess.key not in known and not (guess.key == "tap" and "trial" in known)]
+    keys = {guess.key for guess in guesses}
+    if contents.table and not keys & {"tap"} and len(files) > 1 and keys & {"trial", "what"}:
+        guesses.append(Guess("tap", "file", "each file is one tap, if it is"))
+    return "\n".join([*(f"# {line}".rstrip() for line in map(printable, lines)), "", *_map(sources, how, guesses)]) + "\n"
+
+
+def _files(path: Path) -> Iterator[str]:
+    """How many files of which endings, and some names."""
+    if path.is_file() or ending(path.name) in ENDINGS:
+        yield f"{path}: a file of {_bytes(path)}."
+        return
+    names = names_below(path)
+    kinds = Counter(ending(name) or "no ending" for name in names)
+    yield f"{path}: {len(names)} files ({', '.join(f'{n} {kind}' for kind, n in kinds.most_common(_MOST_NAMES))})."
+    yield from (f"  {name}" for name in names[:_MOST_NAMES])
+    if len(names) > _MOST_NAMES:
+        yield f"  ... and {len(names) - _MOST_NAMES} more"
+
+
+def _bytes(path: Path) -> str:
+    from ..untrusted import in_bytes  # noqa: PLC0415
+
+    return in_bytes(path.stat().st_size)
+
+
+def _kind(paths: Sequence[Path]) -> str | None:
+    """Ending of most files of a known kind below folders; `None` without folders.
+
+    Raises:
+        InputError: There is no such file.
+    """
+    folders = [path for path in paths if path.is_dir() and ending(path.name) not in ENDINGS]
+    if not folders:
+        return None
+    kinds = Counter(ending(name) for path in folders for name in names_below(path) if ending(name) in ENDINGS)
+    if not kinds:
+        raise InputError(f"{folders[0]}: no file of a known kind in this folder ({', '.join(sorted(ENDINGS))}).")
+    return kinds.most_common(1)[0][0]
+
+
+def _read(contents: Contents) -> dict[str, NDArray[Any]]:
+    """Columns, and arrays that are small."""
+    names = [name for name, each in contents.variables.items() if contents.table or _known_bytes(each) <= _SMALL]
+    values = contents.read(names)[0]
+    return {name: of for name, of in values.items() if isinstance(of, np.ndarray)}
+
+
+def _known_bytes(variable: Variable) -> int:
+    return int(np.prod([n or 1 for n in variable.shape], dtype=np.int64)) * variable.dtype.itemsize
+
+
+def _held(contents: Contents, values: Mapping[str, NDArray[Any]]) -> Iterator[str]:
+    """One line for each variable."""
+    names = list(contents.variables)[:_MOST_VARIABLES]
+    width = max((len(name) for name in names), default=0)
+    for name in names:
+        variable = contents.variables[name]
+        parts = [] if contents.table else [" x ".join("?" if n is None else str(n) for n in variable.shape) or "one"]
+        parts += [*([variable.unit] if variable.unit else []), *_summary(values.get(name), variable)]
+        yield f"  {name:<{min(width, 40)}}  {', '.join(filter(None, parts))}"
+    if len(contents.variables) > len(names):
+        yield f"  ... and {len(contents.variables) - len(names)} more"
+    for name, reason in contents.unreadable.items():
+        yield f"  {name}: cannot be read: {reason}"
+    for name, text in contents.attributes.items():
+        yield f"  attribute {name}: {str(text)[:60]}"
+    if contents.table and values:
+        yield f"  {len(next(iter(values.values())))} rows"
+
+
+def _summary(values: NDArray[Any] | None, variable: Variable) -> Iterator[str]:
+    if values is None or not values.size:
+        yield str(variable.dtype)
+        return
+    if values.dtype.kind == "U" and values.ndim == 1:
+        try:
+            values = np.where(values == "", "nan", values).astype(np.float64)
+        except ValueError:
+            distinct = list(dict.fromkeys(values.tolist()))
+            yield f"texts, {len(distinct)} different: {', '.join(distinct[:4])}{', ...' if len(distinct) > 4 else ''}"  # noqa: PLR2004
+            return
+    if values.dtype.kind not in "fiub":
+        yield str(values.dtype)
+        return
+    missing = int(np.isnan(values).sum()) if values.dtype.kind == "f" else 0
+    if missing < values.size:
+        yield f"{np.nanmin(values):g} to {np.nanmax(values):g}"
+    if missing:
+        yield f"{missing} missing"
+
+
+def _differences(others: Sequence[SourceFile], first: Contents, how: TapMap) -> Iterator[str]:
+    """Whether another file has other variables."""
+    for file in others:
+        other = open_contents(file.path, how.text_table, how.format)
+        apart = sorted(set(first.variables) ^ set(other.variables))
+        if apart:
+            yield f"{file.below} differs in {', '.join(apart[:_MOST_NAMES])}."
+
+
+def _map(sources: Sequence[str | Path], how: TapMap, guesses: Sequence[Guess]) -> Iterator[str]:
+    """The map, and what it gives."""
+    given = {name: value for name in how.__struct_fields__ if (value := getattr(how, name)) != getattr(TapMap(), name)}
+    chosen = [guess for guess in guesses if guess.key not in given]
+    fields = {guess.key for guess in chosen if isinstance(guess.value, str) and guess.value.startswith("{")}
+    values = {guess.key: guess.value for guess in chosen if guess.key not in fields}
+    for name, value in given.items():
+        yield f"{name} = {_toml(value)}"
+    for guess in chosen:
+        if guess.key in fields:
+            yield f"# {guess.key}: {guess.value} of the names of files ({guess.reason})"
+        else:
+            yield f"{guess.key} = {_toml(guess.value)}  # {guess.reason}"
+    try:
+        whole = how.changed(**values)
+        recording = read_mapped(sources, whole)
+        labels = recording.labels
+        kind = "frames of streams: cut them with trigger" if recording.is_stream else "taps"
+        shape = recording.samples.shape
+        size = f"{shape[1]} samples x {shape[2]} taxels" if len(shape) == 3 else f"{shape[1]} taxels"  # noqa: PLR2004
+        yield (
+            f"# With this map: {shape[0]} {kind}, {size}, {len(labels.what_name)} objects, "
+            f"{len(np.unique(labels.where))} positions, {len(np.unique(labels.session))} sessions."
+        )
+    except InputError as error:
+        yield f"# With this map: {printable(str(error))}"
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False)
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_toml, value))}]"
+    return str(value)

@@ -1,0 +1,169 @@
+"""The map of a recording: which files, which arrays or columns are samples, and where the labels stand.
+
+`docs/reference/maps.md` lists the keys; a map is a TOML file with these keys, and each is an option of `convert`.
+"""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from msgspec import Meta
+
+from ...errors import InputError
+from ...settings import Checked, wanted
+from ..recording import naming
+from ..toml import parse_settings, read_settings
+from .formats.contents import TextTable
+
+type Format = Literal["text", "npy", "npz", "mat", "hdf5", "netcdf", "zarr", "parquet", "arrow", "jsonl", "mcap"]
+type TimeUnit = Literal["s", "ms", "us", "ns"]
+type Names = str | tuple[str, ...]
+
+AXES = ("tap", "sample", "taxel", "what", "where", "session", "trial")
+LABELS = ("what", "where", "session", "trial")
+CUTTING = ("trigger", "level", "window", "pre", "tare", "tare_samples", "highpass")
+ORIGIN = ("sensor", "source", "licence", "citation")
+PLANE = ("x", "y", "angle")
+"""What a position in a plane consists of; the angle may be left out."""
+_Positive = Annotated[float, wanted("a positive number", gt=0, le=1e12)]
+_Factor = Annotated[float, Meta(ge=-1e12, le=1e12)]
+
+
+class TapMap(Checked, frozen=True, kw_only=True):
+    """A map; every key may be left out, see docs/reference/maps.md.
+
+    >>> TapMap(taxels="Signal*", what="file:{what}_*.csv", tap="file").tap
+    'file'
+
+    Attributes:
+        files: Pattern of the files below a folder.
+        format: Of the files, where their names do not tell.
+        delimiter: Of text tables, as `TextTable`; likewise the next four.
+        decimal: Decimal mark.
+        skip_rows: Lines before the header.
+        comment: What begins a comment.
+        header: Whether there is a header.
+        taxels: Columns that are taxels, or a slice of the taxels of `taps`.
+        taps: Array of the samples.
+        axes: Its axes, separated by commas.
+        tap: Column that numbers the taps, `"file"` or `"row"`.
+        time: Column or array of times.
+        time_unit: Its unit.
+        rate: Samples per second.
+        what: Where the object of a tap stands.
+        where: Where its position stands, or two or three sources of a position in a plane.
+        session: Where its session stands.
+        trial: Where its number stands.
+        what_names: Names that `what` indexes.
+        where_values: Positions that `where` indexes.
+        one_based: Whether these indices count from 1.
+        what_value: Where the sizes of objects stand.
+        what_unit: Unit of the sizes.
+        where_unit: Unit of the positions.
+        where_scale: Factor from numbers in the file to `where_unit`.
+        units: Unit of the samples.
+        scale: Factor from numbers in the file to `units`.
+        extra: Further columns or arrays that are kept, one value for each tap.
+        trigger: Start of a tap in a stream, as in `Preprocessing`; likewise the next six.
+        level: Preprocessed value that counts as contact.
+        window: Samples of a tap.
+        pre: Samples before contact.
+        tare: What is subtracted.
+        tare_samples: Samples averaged for it.
+        highpass: Cut-off frequency in hertz.
+        sensor: Name of the sensor.
+        source: Origin of the recording.
+        licence: Its licence.
+        citation: How to cite it.
+
+    Raises:
+        SettingError: A value is out of range.
+    """
+
+    files: str | None = None
+    format: Format | None = None
+    delimiter: str | None = None
+    decimal: Annotated[Literal[".", ","], wanted("a point or a comma")] = "."
+    skip_rows: Annotated[int, wanted("an integer from 0 to 1000000", ge=0, le=10**6)] = 0
+    comment: str = ""
+    header: bool = True
+    taxels: Names | None = None
+    taps: str | None = None
+    axes: str | None = None
+    tap: str | None = None
+    time: str | None = None
+    time_unit: Annotated[TimeUnit | None, wanted("s, ms, us or ns")] = None
+    rate: _Positive | None = None
+    what: str | None = None
+    where: Names | None = None
+    session: str | None = None
+    trial: str | None = None
+    what_names: Names | None = None
+    where_values: str | tuple[float, ...] | None = None
+    one_based: bool = False
+    what_value: str | None = None
+    what_unit: str | None = None
+    where_unit: str | None = None
+    where_scale: Annotated[_Factor, wanted("a number")] = 1.0
+    units: str | None = None
+    scale: Annotated[_Factor, wanted("a number")] = 1.0
+    extra: Annotated[tuple[str, ...], wanted("names of columns or arrays")] = ()
+    trigger: Annotated[Literal["clock", "contact"] | None, wanted("clock or contact")] = None
+    level: float | None = None
+    window: int | None = None
+    pre: int | None = None
+    tare: Annotated[Literal["none", "stream", "tap"] | None, wanted("none, stream or tap")] = None
+    tare_samples: int | None = None
+    highpass: float | None = None
+    sensor: str | None = None
+    source: str | None = None
+    licence: str | None = None
+    citation: str | None = None
+
+    @property
+    def text_table(self) -> TextTable:
+        """How a table of text is written."""
+        return TextTable(
+            delimiter=self.delimiter,
+            decimal=self.decimal,
+            skip_rows=self.skip_rows,
+            comment=self.comment,
+            header=self.header,
+        )
+
+    @property
+    def axis_names(self) -> tuple[str, ...] | None:
+        """The axes of `taps` in their order, or `None`.
+
+        Raises:
+            InputError: One is unknown, or neither taps, samples nor taxels are among them.
+        """
+        if self.axes is None:
+            return None
+        names = tuple(name.strip() for name in self.axes.split(","))
+        for name in names:
+            if name not in AXES:
+                raise InputError(f"axes (--axes) has {name!r}; axes are {', '.join(AXES)}.")
+        if not {"sample", "taxel"} & set(names):
+            raise InputError(f"axes (--axes) must have sample or taxel, got {self.axes!r}.")
+        return names
+
+    @property
+    def says_something(self) -> bool:
+        """Whether any key tells how files are laid out, so that the layout of this software does not apply."""
+        told = {"units", "what_unit", "where_unit", "rate", *CUTTING, *ORIGIN}
+        default = type(self)()
+        return any(
+            getattr(self, name) != getattr(default, name) for name in self.__struct_fields__ if name not in told
+        )
+
+
+def load_map(path: str | Path) -> TapMap:
+    """Map from a TOML file.
+
+    Raises:
+        InputError: The file is missing or not TOML, or a key is unknown or its value wrong; the message names both.
+    """
+    with naming(path):
+        text = read_settings(path)
+    with naming(path):
+        return parse_settings(text, TapMap)

@@ -1,0 +1,80 @@
+"""Patterns of names with fields, such as `{session}/{what}_{where}mm_*.csv`."""
+
+import re
+from functools import cache
+from re import Pattern
+
+from ...errors import InputError
+
+_PIECE = re.compile(r"\{(\w*)\}|(\*\*/|\*\*)|(\*)|(\?)|([^*?{}]+)|(.)")
+_NUMBER = r"[^\W\d_]*[-+]?\d+(?:[.,]\d+)?[^\W\d_]*"
+"""A number with letters around it, as of a unit."""
+FIELDS = ("what", "where", "session", "trial", "tap", "sample", "taxel", "x", "y", "angle")
+_NUMBERS = {"where", "trial", "tap", "sample", "taxel", "x", "y", "angle"}
+_IN_TEXT = re.compile(r"((?:(?<![^\W_])[-+])?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?) ?([^\W\d_]*)")
+_TEMPLATE = re.compile(r"\{(\w+)\}")
+
+
+@cache
+def compiled_pattern(pattern: str, key: str) -> Pattern[str]:
+    """Regular expression of a pattern.
+
+    `*` and `?` stand for any characters and for one, but no `/`; `**` for any folders; a field for at least one
+    character without `/`, as few as possible, and where it is a number for one, with letters before and after it. A
+    field that occurs again stands for the same text.
+
+    Args:
+        pattern: The pattern.
+        key: Key of the map, for messages.
+
+    Raises:
+        InputError: A field is unknown, or a bracket is not closed.
+    """
+    parts, seen = [], set()
+    for name, folders, any_, one, plain, other in _PIECE.findall(pattern):
+        if plain:
+            parts.append(re.escape(plain))
+        elif folders:
+            parts.append("(?:.*/)?" if folders.endswith("/") else ".*")
+        elif any_ or one:
+            parts.append("[^/]*" if any_ else "[^/]")
+        elif name in seen:
+            parts.append(f"(?P={name})")
+        elif name in FIELDS:
+            seen.add(name)
+            parts.append(f"(?P<{name}>{_NUMBER if name in _NUMBERS else '[^/]+?'})")
+        elif other or name == "":
+            raise InputError(f"{key}: {pattern!r} has a bracket that is not part of a field such as {{what}}.")
+        else:
+            raise InputError(f"{key}: unknown field {{{name}}}; fields are {', '.join(FIELDS)}.")
+    return re.compile("".join(parts))
+
+
+def fields_of(pattern: str) -> tuple[str, ...]:
+    """Names of the fields of a pattern."""
+    return tuple(dict.fromkeys(_TEMPLATE.findall(pattern)))
+
+
+def is_pattern(text: str) -> bool:
+    """Whether a text stands for several names."""
+    return any(letter in text for letter in "*?{")
+
+
+def filled(template: str, fields: dict[str, str]) -> str:
+    """A name with the fields that are known put in."""
+    return _TEMPLATE.sub(lambda found: fields.get(found[1], found[0]), template)
+
+
+def natural(text: str) -> list[tuple[int, int, str]]:
+    """Sorts `session-2` before `session-10`."""
+    return [(0, int(part), "") if part.isdecimal() else (1, 0, part) for part in re.split(r"([0-9]+)", text)]
+
+
+def number_in(text: str) -> tuple[float, str] | None:
+    """The only number in a text and the letters after it; `None` otherwise.
+
+    >>> number_in("pos_-1.5mm"), number_in("trial-03"), number_in("2 of 3")
+    ((-1.5, 'mm'), (3.0, ''), None)
+    """
+    found = _IN_TEXT.findall(re.sub(r"(?<=\d),(?=\d)", ".", text))
+    return (float(found[0][0]), found[0][1]) if len(found) == 1 else None

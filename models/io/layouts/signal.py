@@ -1,0 +1,118 @@
+"""Samples of a file as taps or as frames of a stream, whatever the order of their axes."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError
+from ..recording import check_real
+from .formats.contents import Values
+
+_ROLES = ("tap", "sample", "taxel")
+
+
+@dataclass(frozen=True, eq=False)
+class Signal:
+    """Samples of one file or array.
+
+    Attributes:
+        samples: Taps, shape (n, J, K) or a list of n of shape (J_i, K); or frames of a stream, shape (R, K).
+        axis_index: Index of each tap along the axes that are labels, each of shape (n,).
+    """
+
+    samples: Values
+    axis_index: dict[str, NDArray[np.intp]] = field(default_factory=dict)
+
+    @property
+    def cut(self) -> bool:
+        """Whether these are taps."""
+        return isinstance(self.samples, list) or self.samples.ndim == 3
+
+
+def arranged(values: Values, axes: Sequence[str] | None, name: str, frames: bool) -> Signal:
+    """Samples with their axes in the order of a tap set.
+
+    Args:
+        values: The array, or a list of arrays where elements along its first axis differ in shape.
+        axes: Its axes; `None` for tap, sample and taxel if there are three.
+        name: Of the array, for messages.
+        frames: Whether two axes are those of frames, sample and taxel, if nothing else is said.
+
+    Raises:
+        InputError: The axes do not fit the array, or it holds no real numbers.
+    """
+    rank = 1 + max((each.ndim for each in values), default=0) if isinstance(values, list) else values.ndim
+    axes = _default_axes(rank, name, frames) if axes is None else axes
+    if len(axes) != rank:
+        there = f"{len(values)} elements" if isinstance(values, list) else f"shape {values.shape}"
+        raise InputError(f"{name} has {rank} axes ({there}), but axes (--axes) has {len(axes)}: {', '.join(axes)}.")
+    if not isinstance(values, list):
+        check_real(name, values)
+        return _of_array(values, axes)
+    if axes[0] in ("sample", "taxel"):
+        raise InputError(f"{name}: its elements differ in shape, so the first of axes (--axes) must be tap.")
+    if not set(axes[1:]) <= {"sample", "taxel"}:
+        raise InputError(f"{name}: its elements differ in shape, so only the first axis can be {axes[0]}.")
+    for number, each in enumerate(values):
+        if each.ndim != rank - 1:
+            raise InputError(f"{name}: element {number} has {each.ndim} axes, others {rank - 1}.")
+        check_real(f"{name}[{number}]", each)
+    taps = [np.asarray(_in_order(each, axes[1:], ("sample", "taxel"))) for each in values]
+    return Signal(taps, {} if axes[0] == "tap" else {axes[0]: np.arange(len(values))})
+
+
+def _default_axes(rank: int, name: str, frames: bool) -> tuple[str, ...]:
+    if rank == len(_ROLES):
+        return _ROLES
+    if rank == 2 and frames:  # noqa: PLR2004
+        return "sample", "taxel"
+    if rank == 2:  # noqa: PLR2004
+        raise InputError(
+            f"{name} has two axes: say which with axes (--axes), tap,sample or tap,taxel; if they are sample,taxel, "
+            "say what a tap is with tap (--tap), or cut taps with --trigger."
+        )
+    raise InputError(f"{name} has {rank} axes: say which with axes (--axes), such as what,trial,sample,taxel.")
+
+
+def _of_array(values: NDArray[Any], axes: Sequence[str]) -> Signal:
+    labels = [axis for axis in axes if axis not in ("sample", "taxel")]
+    if not labels:
+        return Signal(_in_order(values, axes, ("sample", "taxel")))
+    index = np.indices([values.shape[axes.index(axis)] for axis in labels]).reshape(len(labels), -1)
+    found: dict[str, NDArray[np.intp]] = {}
+    for axis, along in zip(labels, index, strict=True):
+        if axis in found:
+            raise InputError(f"axes (--axes) has {axis} twice; only sample and taxel may be repeated.")
+        found[axis] = along
+    merged = [axis if axis in ("sample", "taxel") else "tap" for axis in axes]
+    found.pop("tap", None)
+    return Signal(_in_order(values, merged, _ROLES), found)
+
+
+def _in_order(values: NDArray[Any], axes: Sequence[str], wanted: Sequence[str]) -> NDArray[Any]:
+    """The array with one axis for each wanted role; those of a role are flattened, a missing one has length 1."""
+    order = [i for role in wanted for i, axis in enumerate(axes) if axis == role]
+    moved = values.transpose(order)
+    lengths = [[values.shape[i] for i, axis in enumerate(axes) if axis == role] for role in wanted]
+    shape = tuple(int(np.prod(each, dtype=np.int64)) for each in lengths)
+    return moved if moved.shape == shape else moved.reshape(shape)
+
+
+def runs(*keys: NDArray[Any]) -> NDArray[np.intp]:
+    """First row of each maximal run in which none of the keys changes."""
+    changes = np.zeros(len(keys[0]), dtype=bool)
+    changes[:1] = True
+    for key in keys:
+        changes[1:] |= key[1:] != key[:-1]
+    return np.flatnonzero(changes)
+
+
+def split_frames(frames: NDArray[Any], starts: NDArray[np.intp]) -> Values:
+    """Taps of consecutive frames, shape (n, J, K), or a list of them if they differ in length."""
+    lengths = np.diff(starts, append=len(frames))
+    if len(lengths) and (lengths == lengths[0]).all():
+        return frames.reshape(len(lengths), lengths[0], frames.shape[1])
+    return [frames[start : start + length] for start, length in zip(starts, lengths, strict=True)]
