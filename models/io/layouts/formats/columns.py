@@ -16,11 +16,12 @@ class Part(NamedTuple):
     """Some rows of a table.
 
     Attributes:
-        values: The variables that are read as they are, each an array or a list of elements.
+        values: The variables that are read as they are, each an array or a list of elements; `None` for one without any
+            in this part.
         numbers: The columns that are read side by side, shape (rows, columns).
     """
 
-    values: Sequence[Values]
+    values: Sequence[Values | None]
     numbers: NDArray[np.float64]
 
 
@@ -34,7 +35,7 @@ def gathered(
         names: Of the variables that are read as they are.
         width: Number of columns that are read side by side.
     """
-    kept: list[Sequence[Values]] = []
+    kept: list[Sequence[Values | None]] = []
 
     def blocks() -> Iterator[NDArray[np.float64]]:
         kept.clear()
@@ -43,7 +44,7 @@ def gathered(
             yield np.ascontiguousarray(part.numbers, np.float64)
 
     numbers = _side_by_side(blocks, width)
-    values = {name: joined([part[i] for part in kept]) for i, name in enumerate(names)}
+    values = {name: _joined([part[i] for part in kept]) for i, name in enumerate(names)}
     return values, numbers if width else None
 
 
@@ -60,29 +61,16 @@ def _side_by_side(blocks: Callable[[], Iterator[NDArray[np.float64]]], width: in
     return np.concatenate(list(blocks())) if found is None else found.reshape(-1, width)
 
 
-def joined(parts: Sequence[Values]) -> Values:
+def _joined(parts: Sequence[Values | None]) -> Values:
     """Elements one after the other: an array, or a list of arrays where their shapes differ."""
-    if not parts:
-        return np.empty(0)
-    if all(isinstance(part, np.ndarray) for part in parts) and len({part[0:0].shape[1:] for part in parts}) == 1:  # pyright: ignore[reportAttributeAccessIssue]
-        return np.concatenate(parts)
-    return [element for part in parts for element in part]
+    found = [part for part in parts if part is not None]
+    arrays = [part for part in found if isinstance(part, np.ndarray)]
+    if len(arrays) == len(found) and len({part.shape[1:] for part in arrays}) <= 1:
+        return np.concatenate(arrays) if arrays else np.empty(0)
+    return [element for part in found for element in part]
 
 
 def stacked(elements: list[NDArray[Any]]) -> Values:
     """Elements as one array if their shapes are equal and those of texts or numbers do not mix."""
     alike = len({each.shape for each in elements}) == 1
     return np.stack(elements) if alike else elements
-
-
-def number(value: object) -> float:
-    """A number of a cell of JSON or of a message; NaN where it is missing.
-
-    Raises:
-        InputError: It is something else.
-    """
-    if value is None:
-        return np.nan
-    if isinstance(value, int | float):
-        return float(value)
-    raise InputError(f"{str(value)[:40]!r} is not a number.")

@@ -78,7 +78,7 @@ class JsonDocument(Contents):
     def __init__(self, path: Path) -> None:
         self.path, self.unreadable, self.attributes = path, {}, {}
         check_size(path, 0, _IN_MEMORY * path.stat().st_size)
-        found = _decoded(b"".join(block.content for block in Lines(path, 0, "")), lambda: "")
+        found = decoded(b"".join(block.content for block in Lines(path, 0, "")), lambda: "")
         self._rows: list[Any] = found if isinstance(found, list) else self._transposed(found)
         self.variables, self._paths = objects.fields(self._rows, len(self._rows))
         if not self.variables:
@@ -129,14 +129,19 @@ def _rows(block: Block) -> list[Any]:
         found = msgspec.json.Decoder().decode_lines(block.content)
     except (msgspec.DecodeError, RecursionError):
         lines = [line for line in block.content.split(b"\n") if line.strip()]
-        found = [_decoded(line, lambda i=i: f"{_line(block, i)}: ") for i, line in enumerate(lines)]
+        found = [decoded(line, lambda i=i: f"{_line(block, i)}: ") for i, line in enumerate(lines)]
     for i, row in enumerate(found):
         if not isinstance(row, dict):
             raise InputError(f"{_line(block, i)}: not an object with keys.")
     return found
 
 
-def _decoded(content: bytes, where: Callable[[], str]) -> Any:
+def decoded(content: bytes, where: Callable[[], str]) -> Any:
+    """Value of JSON, also with NaN and Infinity.
+
+    Raises:
+        InputError: It is not JSON; the message begins with `where`.
+    """
     try:
         return msgspec.json.decode(content)
     except (msgspec.DecodeError, RecursionError):

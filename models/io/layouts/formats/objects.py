@@ -71,7 +71,7 @@ def _wider(known: Variable | None, value: object, length: int | None) -> Variabl
 def _shape(value: object) -> tuple[tuple[int, ...], object]:
     """Shape of nested lists by their first items, and the first of these that is none."""
     shape = ()
-    while isinstance(value, list):
+    while isinstance(value, list | bytes):
         shape += (len(value),)
         value = next((each for each in value if each is not None), None)
     return shape, value
@@ -122,7 +122,7 @@ def _each(rows: Sequence[object], path: Path, convert: Callable[[Any], Any], pla
         try:
             found.append(convert(value_at(row, path)))
         except (InputError, OverflowError) as error:
-            raise InputError(f"{place(i)}, {'.'.join(path)}: {error}") from error
+            raise InputError(f"{place(i)}, {'.'.join(filter(None, path))}: {error}") from error
     return found
 
 
@@ -146,6 +146,8 @@ def _element(value: object) -> NDArray[Any]:
     """Array of a list of numbers or texts, which may be nested; missing numbers are NaN."""
     if value is None:
         raise InputError("missing.")
+    if isinstance(value, bytes):
+        return np.frombuffer(value, np.uint8).astype(np.float64)
     if not isinstance(value, list):
         raise InputError(f"{_shown(value)} is not a list, as others are.")
     try:
