@@ -7,8 +7,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from ..cutting.tap_cutter import CutTap, TapCutter
 from ..errors import InputError
-from ..preprocessing import CutTap, Preprocessing, TapCutter
+from ..preprocessing import Preprocessing
 from ..taps import TapSet
 from .recording import Recording
 

@@ -18,7 +18,8 @@ from solidtouch.models.io.model_file import load_model
 from solidtouch.models.measurement.histogram import HistogramModel, fit
 from solidtouch.models.measurement.registry import fit_model, measurement_model
 from solidtouch.models.measurement.table import TableModel
-from solidtouch.models.preprocessing import Preprocessing, TapCutter
+from solidtouch.models.cutting.tap_cutter import TapCutter
+from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.settings import FitSettings
 
 DECISIONS = Decisions("clamp", 0.9, 0.25, 1)
