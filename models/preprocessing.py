@@ -14,7 +14,10 @@ import numpy as np
 from .errors import InputError, check_count, check_numbers
 from .cutting.sampling_ratio import sampling_ratio
 
-_NEWER = ("sensor_hz", "taxels")  # fields that files lack unless they are given, so that those of before stay as they are
+_NEWER = (
+    "sensor_hz",
+    "taxels",
+)  # fields that files lack unless they are given, so that those of before stay as they are
 
 
 @dataclass(frozen=True)

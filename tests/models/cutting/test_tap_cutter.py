@@ -83,7 +83,9 @@ def test_taxels_and_rate_are_changed_before_all_else(record, frames, seed, data)
         resampler = Resampler(record.sensor_hz, 40.0)
         ratio, resampled = resampler.ratio, resampler(chosen)
     later = [math.ceil(press * ratio) for press in sorted(presses)]
-    expected = [] if len(set(later)) < len(later) else cut(plain, resampled, [p for p in later if p <= len(resampled)])[0]
+    expected = (
+        [] if len(set(later)) < len(later) else cut(plain, resampled, [p for p in later if p <= len(resampled)])[0]
+    )
     taps, *_ = cut(record, stream, presses)
 
     if not later or len(set(later)) == len(later):
