@@ -11,8 +11,8 @@ from typing import Any, Literal, Self
 
 import numpy as np
 
-from .errors import InputError, check_count, check_numbers
 from .cutting.sampling_ratio import sampling_ratio
+from .errors import InputError, check_count, check_numbers
 
 _NEWER = (
     "sensor_hz",
@@ -124,7 +124,7 @@ class Preprocessing:
         ]
 
     def to_dict(self) -> dict[str, Any]:
-        """Fields by name; `sensor_hz` and `taxels` only where they are not `None`, as in files of before there were any."""
+        """Fields by name; `sensor_hz` and `taxels` only if they are not `None`, so earlier records keep their text."""
         return {name: value for name, value in asdict(self).items() if name not in _NEWER or value is not None}
 
     def to_json(self) -> str:

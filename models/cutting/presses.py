@@ -133,7 +133,7 @@ def _truth(text: str, name: str) -> float:
 
 def _overlap(clock: NDArray[np.floating], file: NDArray[Any]) -> bool:
     """Whether times do not increase from frame to frame through all files."""
-    return bool((np.diff(clock) <= 0).any()) or len(np.unique(file)) < 1 + np.count_nonzero(file[1:] != file[:-1])
+    return not (np.diff(clock) > 0).all() or len(np.unique(file)) <= int(np.count_nonzero(file[1:] != file[:-1]))
 
 
 def _by_number(frames: int) -> Callable[[NDArray[np.floating]], NDArray[np.intp]]:

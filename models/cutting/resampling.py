@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterator
 from fractions import Fraction
 from functools import cache, partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -45,7 +46,7 @@ class Resampler:
         self.ratio = sampling_ratio(sensor_hz, rate_hz)
         self._branches = _branches(self.ratio)
         self.delay = self._branches.shape[1] // 2
-        self._first: NDArray[np.float64] | None = None
+        self._first = np.empty(0)
         self._kept = np.empty((0, 0))
         self._kept_from = -self.delay
         self._made = 0
@@ -56,7 +57,7 @@ class Resampler:
         Args:
             frames: The next frames, shape (n, K).
         """
-        if self._first is None:
+        if not len(self._first):
             if not len(frames):
                 return frames
             self._first = frames[0].copy()
@@ -126,9 +127,8 @@ def _branches(ratio: Fraction) -> NDArray[np.float64]:
     half = HALF_WIDTH * slower
     kernel = np.zeros(2 * delay * up + up)
     middle = delay * up
-    kernel[middle - half : middle + half + 1] = firwin(
-        2 * half + 1, 1 / slower, window=("kaiser", kaiser_beta(_ATTENUATION_DB))
-    )
+    window: Any = ("kaiser", kaiser_beta(_ATTENUATION_DB))
+    kernel[middle - half : middle + half + 1] = firwin(2 * half + 1, 1 / slower, window=window)
     branches = kernel.reshape(2 * delay + 1, up).T[:, ::-1]
     return np.ascontiguousarray(branches / branches.sum(axis=1, keepdims=True))
 

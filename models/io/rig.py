@@ -49,8 +49,8 @@ class RigTaps(NamedTuple):
 class _Replay:
     """Cuts the frames of a recording exactly as the rig did, or drops them.
 
-    After damage the cutter restarts; the state of a high-pass filter, or when the first frame came on which the times of
-    resampled ones depend, is then lost, and with it the taps up to the next stream.
+    After damage the cutter restarts. The state of a high-pass filter, or when the first of resampled frames came, is
+    then lost, and with it the taps up to the next stream.
 
     Args:
         preprocessing: Preprocessing of the taps.
