@@ -133,13 +133,13 @@ def write_netcdf(data: "xr.Dataset | xr.DataTree", path: Path) -> None:
 
 
 def spooled(
-    parts: Iterable[Any], shape: tuple[int, ...], dtype: "DTypeLike", order: Literal["C", "F"] = "C"
+    parts: Iterable[Any], shape: tuple[int, ...] | None, dtype: "DTypeLike", order: Literal["C", "F"] = "C"
 ) -> "NDArray[Any] | None":
     """Array in a file of the folder for temporary files (TMPDIR), which goes with the array; `None` without room there.
 
     Args:
         parts: Its bytes, one part after the other.
-        shape: Its shape.
+        shape: Its shape; `None` for one axis, as long as the parts are.
         dtype: Its type.
         order: Whether the last axis runs fastest, or the first.
     """

@@ -8,7 +8,7 @@ from solidtouch.hardware.recording.plan import parse_plan
 from solidtouch.hardware.rig.rig import TapTally
 from solidtouch.hardware.rig.settings import parse_rig
 from solidtouch.hardware.skin.skin import SkinFrame
-from solidtouch.models.preprocessing import TapCutter
+from solidtouch.models.cutting.tap_cutter import TapCutter
 
 RIG = """
 name = "fake bench"

@@ -1,19 +1,17 @@
 """Data-quality warnings of tap sets: each function checks one problem and yields a sentence if it occurs."""
 
-from collections import Counter
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ...models.blocks import over_blocks, tap_digests
+from ...models.blocks import tap_digests
+from ...models.cutting.taxels import constant_taxels, saturated_taxels
 from ...models.grid import ClassGrid
 from ...models.splits import Fold
 from ...models.taps import TapSet, concatenate
 
 FEW = 5  # distinct taps per class, below which a histogram is mostly empty
-_STAYING, _INWARDS = 3, 4  # taps that stay at a limit, and values compared there
 _NAMED = 6  # how many cells, classes or taxels a sentence names before it only counts
 
 
@@ -182,80 +180,6 @@ def _taxels(taps: TapSet) -> Iterator[str]:
             f"{len(saturated)} of {K} taxels may be saturated (they stay at an extreme that is not "
             f"their idle level): {_named(saturated)}."
         )
-
-
-def taxel_ranges(extremes: NDArray[np.floating]) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
-    """Lowest and highest value of each taxel, shape (K,), from those of each tap, see `TapSet`."""
-    return np.fmin.reduce(extremes[:, 0]), np.fmax.reduce(extremes[:, 1])
-
-
-def constant_taxels(extremes: NDArray[np.floating]) -> tuple[int, ...]:
-    """The taxels that have one value in all taps; argument as for `taxel_ranges`."""
-    low, high = taxel_ranges(extremes)
-    return tuple(np.flatnonzero(low == high).tolist())
-
-
-def saturated_taxels(samples: Any, extremes: NDArray[np.floating]) -> tuple[int, ...]:
-    """The taxels whose values are cut off at an extreme.
-
-    A taxel is taken for saturated at its lowest or highest value `e` when all of this holds:
-
-    - `e` is not its idle level: it is at least half the taxel's range away from the median of the first samples
-      of all taps, which most of the time are free of contact or only at its beginning;
-    - three taps or more stay at exactly `e` for a tenth of their samples (at least three, all where a tap has fewer)
-      without a break;
-    - its range is at least a tenth of the widest taxel's, so that the noise of an untouched taxel is not meant;
-    - values pile up there: `e` is more frequent than the three next values towards the idle level together, so
-      that a coarse quantisation is not taken for a limit.
-
-    Limits that were moved tap by tap, by a tare or a high-pass, are not found.
-
-    Args:
-        samples: Shape (N, J, K), in memory or on disk.
-        extremes: Lowest and highest sample of each tap and taxel, shape (N, 2, K).
-    """
-    ends, J = np.stack(taxel_ranges(extremes)), samples.shape[1]
-    span, first = ends[1] - ends[0], np.asarray(samples[:, 0])
-    idle = np.nanmedian(np.where(np.isnan(first).all(axis=0), 0.0, first), axis=0)
-    possible = (span > 0) & (span >= np.fmax.reduce(span) / 10) & (abs(ends - idle) >= span / 2)
-    reaches = extremes == ends
-    sides = np.argwhere(possible & (reaches.sum(axis=0) >= _STAYING)).tolist()  # with noise there are none
-    stay = min(J, max(3, -(-J // 10)))
-
-    def looked_at(block: NDArray[np.floating], which: slice) -> list[tuple[int, Counter[float]]]:
-        found = []
-        for end, k in sides:
-            reaching = block[reaches[which, end, k], :, k]
-            staying = np.count_nonzero(_longest_run(reaching == ends[end, k]) >= stay)
-            found.append((staying, _counts_inwards(block[:, :, k], end)))
-        return found
-
-    if not sides:
-        return ()
-    saturated = set()
-    for (end, k), parts in zip(sides, zip(*over_blocks(samples, looked_at), strict=True), strict=True):
-        total: Counter[float] = sum((counts for _, counts in parts), Counter())
-        at_end, *next_counts = (total[value] for value in sorted(total, reverse=end == 1)[:_INWARDS])
-        if sum(staying for staying, _ in parts) >= _STAYING and at_end > sum(next_counts):
-            saturated.add(k)
-    return tuple(sorted(saturated))
-
-
-def _counts_inwards(samples: NDArray[np.floating], end: int) -> Counter[float]:
-    """How often the lowest values occur, or for end 1 the highest ones."""
-    values, counts = np.unique(samples[~np.isnan(samples)], return_counts=True)
-    kept = slice(-_INWARDS, None) if end else slice(_INWARDS)
-    return Counter(dict(zip(values[kept].tolist(), counts[kept].tolist(), strict=True)))
-
-
-def _longest_run(at_extreme: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """Length of the longest uninterrupted run of true values in each row."""
-    longest = np.zeros(len(at_extreme), dtype=np.intp)
-    length = np.zeros(len(at_extreme), dtype=np.intp)
-    for column in at_extreme.T:
-        length = np.where(column, length + 1, 0)
-        longest = np.maximum(longest, length)
-    return longest
 
 
 def _cell_name(grid: ClassGrid, l: int | np.intp, m: int | np.intp) -> str:

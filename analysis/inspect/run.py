@@ -6,11 +6,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...models.cutting.taxels import constant_taxels, saturated_taxels, taxel_ranges
 from ...models.grid import ClassGrid
 from ...models.preprocessing import Preprocessing
 from ...models.splits import missing_sentence
 from ...models.taps import TapSet
-from ..experiment.data_warnings import constant_taxels, data_warnings, saturated_taxels, taxel_ranges
+from ..experiment.data_warnings import data_warnings
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...models.preprocessing import Preprocessing, TapCutter
+from ...models.cutting.tap_cutter import TapCutter
+from ...models.preprocessing import Preprocessing
 from ..emulator.shared_clock import Connection
 from ..errors import (
     OutOfLimits,

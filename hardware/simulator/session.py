@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ...models.cutting.tap_cutter import TapCutter
 from ...models.errors import check_count
-from ...models.preprocessing import TapCutter
 from ...models.seeds import Purpose, seed_sequence
 from ...models.taps import TapSet
 from .physics import peak_depth_mm, press_profile, taxel_indentation_mm, taxel_positions_mm

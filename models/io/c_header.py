@@ -107,8 +107,11 @@ def _macros(model: TapModel, decisions: Decisions, single: bool) -> dict[str, ob
 
 def _said(record: Preprocessing) -> str:
     rate = "unknown rate" if record.rate_hz is None else f"{record.rate_hz!r} Hz"
+    used = "" if record.taxels is None else f"taxels {', '.join(map(str, record.taxels))} of the sensor, "
+    if record.sensor_hz is not None:
+        used += f"resampled from {record.sensor_hz!r} Hz, "
     return (
-        f"{record.samples} samples at {rate}, tare {record.tare} over {record.tare_samples} samples, high-pass "
+        f"{used}{record.samples} samples at {rate}, tare {record.tare} over {record.tare_samples} samples, high-pass "
         f"{record.highpass_hz!r} Hz, trigger {record.trigger} at level {record.trigger_level!r}, "
         f"{record.pre_samples} samples before it."
     )

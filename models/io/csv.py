@@ -286,7 +286,7 @@ def _recording(paths: Sequence[Path], parts: Sequence[CsvRows]) -> Recording:
     labels = _labels(columns, places)
     if "tap" not in columns:
         starts = _starts(file, columns["session"], labels.what)
-        return Recording(frames, labels, _rate(columns, starts, places), file)
+        return Recording(frames, labels, _rate(columns, starts, places), file, time=columns.get("time_s"))
     starts = _starts(file, columns["session"], columns["tap"])
     _check_taps(columns, starts, file, places)
     samples = np.diff(starts, append=len(frames))

@@ -7,7 +7,6 @@ reads it back.
 
 import json
 import sys
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -93,7 +92,7 @@ def exported(model: TapModel, decisions: Decisions, case: str) -> dict[str, Any]
         "theta_x": decisions.theta_x,
         "fixation": decisions.fixation,
         "saturation": None if np.isinf(model.saturation) else model.saturation,
-        "preprocessing": asdict(model.preprocessing),
+        "preprocessing": model.preprocessing.to_dict(),
         "grid": model.grid.to_dict(),
         "trained_on": model.trained_on,
         "version": model.version,

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..errors import InputError
+from ..preprocessing import Preprocessing
 from ..taps import TapSet, check_alike, concatenate, with_all_places
 
 _TABLES = ("where_value", "where_edges", "what_value", "taxel_position", "time")
@@ -87,7 +88,7 @@ def relabel(
         units: Unit of the samples.
         where_unit: Unit of the positions.
         what_unit: Unit of the object sizes.
-        rate_hz: Sampling rate in hertz.
+        rate_hz: Sampling rate in hertz; of resampled taps that of the sensor, which keeps the ratio of both.
         citation: How to cite the data.
 
     Raises:
@@ -107,8 +108,16 @@ def relabel(
             if name in dataset.variables:
                 dataset[name].attrs["units"] = unit
     if rate_hz is not None:
-        record = replace(taps.preprocessing, rate_hz=rate_hz)
+        record = _at_rate(taps.preprocessing, rate_hz)
         dataset.attrs["preprocessing"] = record.to_json()
-        time = np.arange(record.samples) / rate_hz
+        time = np.arange(record.samples) / (record.rate_hz or 1.0)
         dataset = dataset.assign_coords(time=("sample", time, {"units": "s"}))
     return TapSet(dataset, taps.scanned)
+
+
+def _at_rate(record: Preprocessing, rate_hz: float) -> Preprocessing:
+    if record.sensor_hz is None or record.rate_hz is None:
+        return replace(record, rate_hz=rate_hz)
+    if rate_hz == record.sensor_hz:
+        return record
+    return replace(record, sensor_hz=rate_hz, rate_hz=record.rate_hz * (rate_hz / record.sensor_hz))

@@ -83,6 +83,7 @@ class Recording:
         rate_hz: Sampling rate in hertz, `None` if not given.
         file: For streams, the number of the file that each frame comes from, shape (S,).
         left_out: Arrays that could not be kept, with their shapes, for messages.
+        time: For streams, the time of each frame in seconds, shape (S,), if known.
     """
 
     samples: NDArray[np.floating]
@@ -90,6 +91,7 @@ class Recording:
     rate_hz: float | None = None
     file: NDArray[np.int64] | None = None
     left_out: tuple[str, ...] = ()
+    time: NDArray[np.float64] | None = None
 
     @property
     def is_stream(self) -> bool:

@@ -9,8 +9,9 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from ..cutting.tap_cutter import TapCutter
 from ..errors import InputError
-from ..preprocessing import Preprocessing, TapCutter
+from ..preprocessing import Preprocessing
 from ..taps import TapSet
 from .recording import naming
 from .rig_reader import Entry, RecordingReader
@@ -48,8 +49,8 @@ class RigTaps(NamedTuple):
 class _Replay:
     """Cuts the frames of a recording exactly as the rig did, or drops them.
 
-    After damage the cutter restarts; the state of a high-pass filter is then lost, and with it the taps up to the next
-    stream.
+    After damage the cutter restarts. The state of a high-pass filter, or when the first of resampled frames came, is
+    then lost, and with it the taps up to the next stream.
 
     Args:
         preprocessing: Preprocessing of the taps.
@@ -57,6 +58,7 @@ class _Replay:
 
     def __init__(self, preprocessing: Preprocessing) -> None:
         self._preprocessing = preprocessing
+        self._remembers = preprocessing.highpass_hz > 0 or preprocessing.sensor_hz is not None
         self._spoiled = False
         self._restart()
 
@@ -64,7 +66,7 @@ class _Replay:
         """Tap accepted by a message, or None."""
         match entry.content:
             case _ if not entry.intact:
-                self._spoiled = self._preprocessing.highpass_hz > 0
+                self._spoiled = self._remembers
                 self._restart()
             case Event(kind="stream"):
                 self._spoiled = False

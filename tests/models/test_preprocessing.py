@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
+from solidtouch.models.cutting.tap_cutter import TapCutter
 from solidtouch.models.errors import InputError
-from solidtouch.models.preprocessing import Preprocessing, TapCutter
+from solidtouch.models.preprocessing import Preprocessing
 
 BAD = {
     "no samples": ({"samples": 0}, "samples must be an integer of at least 1, got 0"),
@@ -349,3 +350,51 @@ def test_a_record_that_would_exhaust_a_parser_is_none(text):
     with pytest.raises(InputError) as caught:
         Preprocessing.from_json(text)
     assert len(str(caught.value)) < 1200
+
+
+NEWER = {
+    "sensor rate 0": ({"sensor_hz": 0.0, "rate_hz": 1.0}, "sensor_hz must be positive, got 0.0"),
+    "sensor rate nan": ({"sensor_hz": np.nan, "rate_hz": 1.0}, "sensor_hz must be finite"),
+    "sensor rate alone": ({"sensor_hz": 100.0}, "sensor_hz needs rate_hz"),
+    "odd ratio": ({"sensor_hz": 99.98, "rate_hz": 50.0}, "Cannot resample from 99.98 Hz to 50 Hz"),
+    "one taxel": ({"taxels": 3}, "taxels must be a list of numbers of taxels, got 3"),
+    "taxels in words": ({"taxels": "12"}, "taxels must be a list of numbers of taxels, got '12'"),
+    "no taxel": ({"taxels": ()}, "taxels must be at least one"),
+    "taxel twice": ({"taxels": (1, 1)}, r"in increasing order, got \(1, 1\)"),
+    "taxels in another order": ({"taxels": (2, 1)}, r"in increasing order, got \(2, 1\)"),
+    "negative taxel": ({"taxels": (-1, 1)}, "taxels must be an integer of at least 0, got -1"),
+    "half a taxel": ({"taxels": (0.5, 1)}, "taxels must be an integer of at least 0, got 0.5"),
+}
+
+
+@pytest.mark.parametrize("case", NEWER)
+def test_rates_and_taxels_that_cannot_be_are_refused(case):
+    fields, message = NEWER[case]
+    with pytest.raises(InputError, match=message):
+        Preprocessing(samples=4, **fields)
+
+
+def test_a_record_of_before_is_read_and_written_unchanged():
+    """Files without resampling and with all taxels keep their text."""
+    before = (
+        '{"samples": 50, "rate_hz": 50.0, "tare": "none", "tare_samples": 0, "highpass_hz": 0.1, "trigger": "clock", '
+        '"trigger_level": 0.0, "pre_samples": 0}'
+    )
+
+    assert Preprocessing.from_json(before).to_json() == before
+    assert Preprocessing.from_json(before) == Preprocessing(50, 50.0, highpass_hz=0.1, trigger="clock")
+
+
+def test_a_record_with_another_rate_and_some_taxels_survives_its_text():
+    record = Preprocessing(samples=4, rate_hz=50.0, sensor_hz=1000.0, taxels=(0, 3))
+
+    assert Preprocessing.from_json(record.to_json()) == record
+    assert hash(record)
+    assert record.differences(Preprocessing(samples=4, rate_hz=50.0)) == [
+        "sensor_hz is 1000.0 here and None there",
+        "taxels is (0, 3) here and None there",
+    ]
+
+
+def test_a_sensor_of_the_same_rate_needs_no_resampling():
+    assert Preprocessing(samples=4, rate_hz=50.0, sensor_hz=50.0) == Preprocessing(samples=4, rate_hz=50.0)

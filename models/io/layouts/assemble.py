@@ -146,6 +146,12 @@ def _values(found: Sequence[Piece], key: str) -> NDArray[Any] | None:
     return np.concatenate(parts)
 
 
+def _measured(found: Sequence[Piece], key: str, raw: NDArray[Any]) -> tuple[NDArray[np.float64], str]:
+    """A label as numbers with their unit, from the texts or from what the file states."""
+    numbers, unit = as_numbers(key, raw)
+    return numbers, unit or found[0].label_units.get(key, "")
+
+
 def _objects(
     found: Sequence[Piece], how: TapMap
 ) -> tuple[NDArray[np.int64], tuple[str, ...], dict[str, Any] | None]:
@@ -185,7 +191,7 @@ def _sizes(
             )
         return {"what_value": known[0], "what_unit": how.what_unit or known[1]}
     raw = _values(found, "what_value")
-    values, unit = as_numbers("what_value", np.asarray(raw))
+    values, unit = _measured(found, "what_value", np.asarray(raw))
     sizes = np.full(len(names), np.nan)
     if len(values) != len(what):
         raise InputError(f"what_value (--what-value) has {len(values)} values for {len(what)} taps.")
@@ -228,13 +234,13 @@ def _positions(found: Sequence[Piece], how: TapMap) -> tuple[NDArray[np.float64]
     """Position of each tap, and the tables that belong to it."""
     plane = [_values(found, key) for key in PLANE]
     if plane[0] is not None:
-        return _in_plane([as_numbers(key, raw) for key, raw in zip(PLANE, plane, strict=True) if raw is not None], how)
+        return _in_plane([_measured(found, key, raw) for key, raw in zip(PLANE, plane, strict=True) if raw is not None], how)
     raw = _values(found, "where")
     if raw is None:
         return np.zeros(sum(piece.rows for piece in found)), {"where_unit": how.where_unit or ""}
     listed = _table(found, how.where_values, "where_values")
     if listed is None:
-        numbers, unit = as_numbers("where", raw)
+        numbers, unit = _measured(found, "where", raw)
         return numbers * how.where_scale, {"where_unit": how.where_unit or unit}
     by_axis = any("where" in piece.signal.axis_index for piece in found)
     values, unit = as_numbers("where_values", listed)

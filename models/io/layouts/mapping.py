@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 from msgspec import Meta
+from msgspec.structs import force_setattr
 
 from ...errors import InputError
-from ...settings import Checked, wanted
+from ...settings import Checked, SettingError, wanted
 from ..recording import naming
 from ..toml import parse_settings, read_settings
 from .formats.contents import TextTable
@@ -118,6 +119,14 @@ class TapMap(Checked, frozen=True, kw_only=True):
     source: str | None = None
     licence: str | None = None
     citation: str | None = None
+
+    def __post_init__(self) -> None:
+        """Checks every value; a list of one position is that one."""
+        super().__post_init__()
+        if isinstance(self.where, tuple) and len(self.where) == 1:
+            force_setattr(self, "where", self.where[0])
+        if isinstance(self.where, tuple) and len(self.where) > len(PLANE):
+            raise SettingError("where", f"must be one source, or x, y and an angle, got {len(self.where)}.")
 
     @property
     def text_table(self) -> TextTable:

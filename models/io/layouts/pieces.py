@@ -15,7 +15,7 @@ from .formats.contents import Contents, Values
 from .formats.registry import open_contents
 from .labels import Label, LabelSource, LabelTables, label_of, label_source, needed
 from .mapping import LABELS, PLANE, TapMap
-from .patterns import compiled_pattern, is_pattern, natural
+from .patterns import compiled_pattern, filled, is_pattern, natural
 from .signal import Signal, arranged, runs, split_frames
 
 _UNITS = {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
@@ -33,6 +33,7 @@ class Piece:
         unit: Of its samples, as the file states it.
         tables: Names and positions that are in the file, by key of the map.
         time_s: Times of its rows or taps, if known.
+        label_units: Units of its labels, as the file states them.
     """
 
     file: SourceFile
@@ -42,6 +43,7 @@ class Piece:
     unit: str = ""
     tables: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     time_s: NDArray[np.float64] | None = None
+    label_units: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def rows(self) -> int:
@@ -58,12 +60,18 @@ def pieces(files: Sequence[SourceFile], how: TapMap, tables: LabelTables) -> Ite
     for file in files:
         contents = open_contents(file.path, how.text_table, how.format)
         with naming(file.path):
-            if how.taps is None:
+            alone = _only_array(contents) if how.taps is None else None
+            if how.taps is None and alone is None:
                 yield _of_columns(file, contents, how, tables)
             else:
-                for name, fields in _arrays(how.taps, contents):
+                for name, fields in _arrays(how.taps or alone or "", contents):
                     whose = replace(file, fields=file.fields | fields)
                     yield _of_array(whose, name, contents, how, tables)
+
+
+def _only_array(contents: Contents) -> str | None:
+    """The array of a file that holds no other."""
+    return None if contents.table or len(contents.variables) != 1 else next(iter(contents.variables))
 
 
 def _arrays(pattern: str, contents: Contents) -> list[tuple[str, dict[str, str]]]:
@@ -160,7 +168,10 @@ def _piece(
         signal = Signal(cut)
         time_s = time_s[starts] if time_s is not None else None
     kept = {key: np.asarray(values[contents.named(name)]) for key, name in _tables(how).items()}
-    return Piece(file, signal, labels, rate, unit, kept, time_s)
+    variables = contents.variables
+    columns = {key: filled(of.name, file.fields) for key, of in sources.items() if of.kind == "column"}
+    units = {key: variables[contents.named(name)].unit for key, name in columns.items() if name not in contents.attributes}
+    return Piece(file, signal, labels, rate, unit, kept, time_s, units)
 
 
 def _tables(how: TapMap) -> dict[str, str]:

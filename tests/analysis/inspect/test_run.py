@@ -5,12 +5,13 @@ import io
 import numpy as np
 import pytest
 from rich.console import Console
-from solidtouch.analysis.experiment.data_warnings import constant_taxels, in_blocks, recorded_order
-from solidtouch.analysis.experiment.data_warnings import saturated_taxels as saturated
+from solidtouch.analysis.experiment.data_warnings import in_blocks, recorded_order
 from solidtouch.analysis.inspect.page import inspection_page
 from solidtouch.analysis.inspect.run import count_taps, inspect_taps
 from solidtouch.analysis.page.terminal import show
 from solidtouch.models.blocks import extreme_samples
+from solidtouch.models.cutting.taxels import constant_taxels
+from solidtouch.models.cutting.taxels import saturated_taxels as saturated
 from solidtouch.models.io.load import load_taps
 from solidtouch.models.taps import TapSet, concatenate
 

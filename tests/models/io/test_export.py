@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from solidtouch.inference import reference
 from solidtouch.inference.engines.engine import NumpyEngine
+from solidtouch.models.cutting.tap_cutter import TapCutter
 from solidtouch.models.errors import InputError
 from solidtouch.models.io.export import Decisions, exported, log_tables, save_exported
 from solidtouch.models.io.export_reader import load_exported
@@ -18,7 +19,7 @@ from solidtouch.models.io.model_file import load_model
 from solidtouch.models.measurement.histogram import HistogramModel, fit
 from solidtouch.models.measurement.registry import fit_model, measurement_model
 from solidtouch.models.measurement.table import TableModel
-from solidtouch.models.preprocessing import Preprocessing, TapCutter
+from solidtouch.models.preprocessing import Preprocessing
 from solidtouch.models.settings import FitSettings
 
 DECISIONS = Decisions("clamp", 0.9, 0.25, 1)

@@ -1,11 +1,15 @@
 """Streams are cut as they would have been cut live."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from solidtouch.models.cutting.presses import presses_of_column, presses_of_events
+from solidtouch.models.cutting.tap_cutter import TapCutter
 from solidtouch.models.errors import InputError
 from solidtouch.models.io.arrays import recording_from_arrays
 from solidtouch.models.io.load import read_recording
-from solidtouch.models.io.streams import segment
+from solidtouch.models.io.streams import segment, stream_starts
 from solidtouch.models.preprocessing import Preprocessing
 
 
@@ -127,3 +131,119 @@ def test_files_of_a_folder_are_separate_streams_even_of_one_session(tmp_path):
 def test_stream_labels_of_another_length_are_refused():
     with pytest.raises(InputError, match=r"what must have shape \(30,\), got shape \(29,\)"):
         recording((0, 0, pulses([])), what=np.zeros(29))
+
+
+PRESS = Preprocessing(samples=4, rate_hz=20.0, trigger="press", pre_samples=1)
+
+
+def test_presses_cut_taps_with_the_labels_of_the_frame_behind_them():
+    streams = recording((0, 0, pulses([10, 20])), (0, 1, pulses([5])))
+    signal = streams.samples[:, -1] > 0
+    cut = segment(streams, PRESS, presses_of_column(signal, stream_starts(streams)))
+
+    assert cut.taps.taps[:, :, 1].tolist() == [[0, 5, 5, 5]] * 3
+    assert cut.taps.where.tolist() == [10 / 4, 20 / 4, 35 / 4]
+    assert cut.row.tolist() == [10, 20, 35]
+    assert cut.event.tolist() == [0, 1, 2]
+    assert cut.taps.preprocessing == PRESS
+    assert cut.lost == ()
+
+
+def test_what_presses_lost_is_told():
+    """Cut short at either end, given up for the next one, outside, and streams that have none."""
+    streams = recording((0, 0, pulses([10, 20])), (0, 1, pulses([5])))
+    presses = presses_of_events([0, 10, 12, 28, 99, 45.0], "frames", streams.file)
+    cut = segment(streams, PRESS, presses)
+
+    assert cut.row.tolist() == [12, 45]
+    assert cut.event.tolist() == [2, 5]
+    assert (cut.incomplete, cut.overlapping, cut.outside) == (2, 1, 1)
+    assert cut.lost == (
+        "2 taps left out: cut short by the start or end of their stream.",
+        "1 tap left out: given up, as the next press came before its end.",
+        "1 press left out: outside the streams.",
+    )
+    one = segment(streams, PRESS, presses_of_events([10, 99, 98], "frames", streams.file)).lost
+    assert one == ("2 presses left out: outside the streams.", "No tap in the stream of session 0, b, 30 frames.")
+
+
+def test_taps_can_have_the_labels_of_their_events():
+    streams = recording((0, 0, pulses([10, 20])))
+    events = replace(streams.labels.take([0, 0, 0]), where=np.array([7.0, 8.0, 9.0]), what=np.array([1, 0, 1]))
+    cut = segment(streams, PRESS, presses_of_events([20, 0, 10], "frames", streams.file), labels=events)
+
+    assert cut.taps.where.tolist() == [9.0, 7.0]
+    assert cut.taps.what.tolist() == [1, 1]
+
+
+def test_streams_are_split_at_gaps_in_time():
+    """A tap does not reach across a pause, and a filter starts anew behind it."""
+    tare = Preprocessing(samples=4, tare="stream", tare_samples=2, trigger="clock")
+    streams = replace(
+        recording((0, 0, np.repeat([[1.0, 1.0], [3.0, 3.0]], 10, axis=0))),
+        time=np.concatenate([np.arange(10), 50 + np.arange(10)]) / 20,
+    )
+    cut = segment(streams, tare)
+
+    assert (cut.streams, cut.gaps, cut.incomplete) == (2, 1, 2)
+    assert not cut.taps.taps.any()
+    assert stream_starts(streams).tolist() == [0, 10]
+    assert segment(streams, tare, gap_steps=100.0).streams == 1
+
+
+def test_times_of_a_table_are_kept(tmp_path):
+    rows = "".join(f"ball,{0.5 * j},{j}\n" for j in range(4)) + "ball,9,5\n"
+    (tmp_path / "a.csv").write_text("what,time_s,taxel\n" + rows)
+    found = read_recording(tmp_path / "a.csv")
+
+    assert found.time.tolist() == [0.0, 0.5, 1.0, 1.5, 9.0]
+    assert stream_starts(found).tolist() == [0, 4]
+
+
+def test_a_tap_at_another_rate_has_the_labels_of_its_frame():
+    streams = recording((0, 0, pulses([30], 90)))
+    record = replace(PRESS, rate_hz=10.0, sensor_hz=20.0)
+    cut = segment(streams, record, presses_of_events([31], "frames", streams.file))
+    (tap,) = TapCutter(replace(record, trigger="clock", pre_samples=0)).push(streams.samples)[3:4]
+
+    assert cut.row.tolist() == [31]
+    assert cut.taps.where.tolist() == [31 / 4]
+    np.testing.assert_array_equal(cut.taps.taps[0, :1], tap.samples[3:])
+    assert cut.taps.dataset["time"].values.tolist() == [0.0, 0.1, 0.2, 0.3]
+
+
+def test_a_stream_is_cut_in_parts_that_fit_into_memory(monkeypatch):
+    streams = recording((0, 0, pulses([10, 20])), (0, 1, pulses([5])))
+    record = replace(CONTACT, highpass_hz=0.1, trigger_level=1.5)
+    whole = segment(streams, record)
+    monkeypatch.setattr("solidtouch.models.io.streams._AT_ONCE", 14)
+
+    np.testing.assert_array_equal(segment(streams, record).taps.taps, whole.taps.taps)
+
+
+@pytest.mark.parametrize(
+    ("record", "presses", "message"),
+    [
+        (PRESS, None, "trigger='press' was asked for, but no presses were given"),
+        (CONTACT, [3], "trigger='contact' was asked for, but presses were given"),
+        (PRESS, [], "no tap found in 1 streams: there are no presses"),
+        (PRESS, [99, 98], "no tap found in 1 streams: all 2 presses are outside of them"),
+        (PRESS, [28], "no tap found in 1 streams: 1 were cut short"),
+        (PRESS, [27, 28], "1 were cut short by .* stream, and 1 given up for the next press"),
+    ],
+)
+def test_presses_that_give_no_tap_are_an_error_that_says_why(record, presses, message):
+    streams = recording((0, 0, pulses([3])))
+    found = None if presses is None else presses_of_events(presses, "frames", streams.file)
+    with pytest.raises(InputError, match=message):
+        segment(streams, record, found)
+
+
+def test_a_missing_sample_of_a_used_taxel_is_refused_with_its_row():
+    frames = pulses([10])
+    frames[17, 0] = np.nan
+    streams = replace(recording((0, 0, pulses([10]))), samples=frames)
+    with pytest.raises(InputError, match=r"row 17 of the streams, counted from 0, has a sample that is missing"):
+        segment(streams, CONTACT)
+
+    assert segment(streams, replace(CONTACT, taxels=(1,))).taps.tap_shape == (4, 1)

@@ -1,14 +1,25 @@
 """What a file holds, whatever its format: named arrays or columns, read when they are asked for."""
 
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
+
+from ....errors import InputError
+
+_LISTED = 8
+_UNITS = (
+    re.compile(r"(?P<name>.*\S)\s*\[(?P<unit>[^\]]*[^\W\d][^\]]*|[°%])\]"),
+    re.compile(r"(?P<name>.*\S)\s*\((?P<unit>[^)]*[^\W\d][^)]*|[°%])\)"),
+    re.compile(r"(?P<name>.*\w)\s*/\s*(?P<unit>[kmuµμnhM]?(?:s|N|V|A|Pa|Hz|g|m|Nm|rad|bar)|cm|deg|°C?|K|%|min|h)"),
+)
 
 type Values = NDArray[Any] | list[NDArray[Any]]
 """An array, or where its elements differ in shape one array for each."""
@@ -84,3 +95,27 @@ class Contents(ABC):
     def place(self, row: int) -> str:
         """Where a row of a table stands, for messages."""
         return f"row {row + 1}"
+
+    def named(self, name: str) -> str:
+        """Full name of a variable; its name without the unit will do where no other has it.
+
+        Raises:
+            InputError: There is no such variable, or several; the message lists those, or close ones.
+        """
+        if name in self.variables:
+            return name
+        found = [full for full, each in self.variables.items() if each.unit and name_and_unit(full)[0] == name]
+        if len(found) == 1:
+            return found[0]
+        if name in self.unreadable:
+            raise InputError(f"{name} cannot be read: {self.unreadable[name]}.")
+        if found:
+            raise InputError(f"{name} may be {' or '.join(found)}.")
+        close = get_close_matches(name, self.variables, cutoff=0.5) or list(self.variables)[:_LISTED]
+        raise InputError(f"no {'column' if self.table else 'array'} {name}; there is {', '.join(close) or 'none'}.")
+
+
+def name_and_unit(header: str) -> tuple[str, str]:
+    """Name and unit of a header such as `force [N]`, `t (ms)` or `t/ms`; the unit is empty if there is none."""
+    found = next(filter(None, (pattern.fullmatch(header) for pattern in _UNITS)), None)
+    return (found["name"], found["unit"].strip()) if found else (header, "")
