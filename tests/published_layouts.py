@@ -21,8 +21,8 @@ class Facts:
     Attributes:
         shape: Taps, samples and taxels.
         objects: Names of the objects.
-        taps: Object, position, session, and first and last sample of some taps by their number; the samples are
-            `[0, 0]` and `[-1, -1]` of the tap.
+        taps: Object, position, session and four samples of some taps by their number: of the first sample the first
+            and second taxel, the first taxel of the second sample, and the last taxel of the last sample.
         positions: All positions.
         sessions: All sessions.
         rate_hz: Samples per second.
@@ -30,7 +30,7 @@ class Facts:
 
     shape: tuple[int, int, int]
     objects: tuple[str, ...]
-    taps: dict[int, tuple[str, float, int, float, float]]
+    taps: dict[int, tuple[str, float, int, tuple[float, float, float, float]]]
     positions: tuple[float, ...] = (0.0,)
     sessions: tuple[int, ...] = (0,)
     rate_hz: float | None = None
@@ -59,7 +59,11 @@ def bts3(folder: Path) -> Facts:
     return Facts(
         shape=(9, 1, 72),
         objects=("coke", "apple", "mug"),
-        taps={0: ("coke", 0, 0, 0, 71), 2: ("mug", 0, 1, 500, 571), 7: ("apple", 0, 4, 2100, 2171)},
+        taps={
+            0: ("coke", 0, 0, (0, 1, 0, 71)),
+            2: ("mug", 0, 1, (500, 501, 500, 571)),
+            7: ("apple", 0, 4, (2100, 2101, 2100, 2171)),
+        },
         sessions=(0, 1, 2, 3, 4, 5),
         extra={"slipped": [0, 1, 1, 0, 1, 1, 0, 1, 1]},
     )
@@ -82,7 +86,10 @@ def biotac_slide(folder: Path) -> Facts:
     return Facts(
         shape=(8, 100, 20),
         objects=("mat1", "mat2"),
-        taps={0: ("mat1", 0, 1, 100_002, 100_000 + 44 * 100 - 1), 7: ("mat2", 0, 10, 204_402, 208_799)},
+        taps={
+            0: ("mat1", 0, 1, (100_002, 100_025, 100_046, 104_399)),
+            7: ("mat2", 0, 10, (204_402, 204_425, 204_446, 208_799)),
+        },
         sessions=(1, 10),
         rate_hz=100.0,
     )
@@ -102,7 +109,7 @@ def txzy(folder: Path) -> Facts:
     return Facts(
         shape=(8, 156, 22),
         objects=("ball_1", "cylinder_1"),
-        taps={0: ("ball_1", 0, 1, 15 * 22, -1000), 7: ("cylinder_1", 0, 2, 10_000 + 185 * 22, -1000)},
+        taps={0: ("ball_1", 0, 1, (330, 331, 352, -1000)), 7: ("cylinder_1", 0, 2, (14_070, 14_071, 14_092, -1000))},
         sessions=(1, 2),
     )
 
@@ -122,7 +129,10 @@ def uskin_slip(folder: Path) -> Facts:
     return Facts(
         shape=(24, 90, 54),
         objects=("SpoolSolder", "brush"),
-        taps={0: ("SpoolSolder", 1, 1, 0, 89 + 53 * 181), 23: ("brush", 3, 10, 10**6 + 90, 10**6 + 179 + 53 * 190)},
+        taps={
+            0: ("SpoolSolder", 1, 1, (0, 181, 1, 89 + 53 * 181)),
+            23: ("brush", 3, 10, (1_000_090, 1_000_280, 1_000_091, 1_000_179 + 53 * 190)),
+        },
         positions=(1.0, 2.0, 3.0),
         sessions=(1, 10),
         rate_hz=180.0,
@@ -145,7 +155,7 @@ def phac_hold(folder: Path) -> Facts:
     return Facts(
         shape=(6, 1000, 19),
         objects=("acrylic", "black_foam"),
-        taps={0: ("acrylic", 0, 1, 1, 19_000), 5: ("black_foam", 0, 10, 20_010, 39_009)},
+        taps={0: ("acrylic", 0, 1, (1, 1001, 2, 19_000)), 5: ("black_foam", 0, 10, (20_010, 21_010, 20_011, 39_009))},
         sessions=(1, 2, 10),
     )
 
@@ -155,12 +165,12 @@ def ev_objects(folder: Path, name: str = "Ev-Objects", samples: int = 250) -> Fa
         (folder / name / split).mkdir(parents=True)
         for number in numbers:
             spikes = np.zeros((39, 2, samples), np.float32)
-            spikes[0, 0, 0] = spikes[38, 1, -1] = 1
+            spikes[0, 1, 0] = spikes[38, 1, -1] = 1
             np.save(folder / f"{name}/{split}/sample_{number}_label_{number % 2 + 30}.npy", spikes)
     return Facts(
         shape=(5, samples, 78),
         objects=("30", "31"),
-        taps={0: ("30", 0, 0, 1, 1), 3: ("31", 0, 0, 1, 1)},
+        taps={0: ("30", 0, 0, (0, 1, 0, 1)), 3: ("31", 0, 0, (0, 1, 0, 1))},
     )
 
 
@@ -183,7 +193,10 @@ def cluster_texture(folder: Path) -> Facts:
     return Facts(
         shape=(12, 600, 3),
         objects=("0", "117"),
-        taps={0: ("0", 0, 0, 10_000, 11_799), 11: ("117", 315, 1, 1_180_315, 1_182_114)},
+        taps={
+            0: ("0", 0, 0, (10_000, 10_001, 10_003, 11_799)),
+            11: ("117", 315, 1, (1_180_315, 1_180_316, 1_180_318, 1_182_114)),
+        },
         positions=(0.0, 45.0, 315.0),
         sessions=(0, 1),
         rate_hz=6000.0,
@@ -193,20 +206,16 @@ def cluster_texture(folder: Path) -> Facts:
 def stag(folder: Path) -> Facts:
     n = 12
     names = np.array([["allen_key_set", "ball", "empty_hand"]], dtype=object)
-    column = {"objectId": np.arange(n) // 4, "recordingId": 3 * (np.arange(n) // 4) + np.arange(n) % 2}
-    column |= {
-        "frame": np.arange(n),
-        "splitId": np.arange(n) % 2,
-        "isBalanced": np.ones(n),
-        "hasValidLabel": np.ones(n),
-    }
+    frame, odd = np.arange(n), np.arange(n) % 2
+    column = {"objectId": frame // 4, "recordingId": 3 * (frame // 4) + odd, "frame": frame, "splitId": odd}
+    column |= {"isBalanced": np.ones(n), "hasValidLabel": np.ones(n)}
     arrays = {key: of.astype(float)[:, None] for key, of in column.items()}
     pressure = counted(n, 32, 32).astype(np.uint16)
     savemat(folder / "metadata.mat", {"pressure": pressure, "objects": names, **arrays})
     return Facts(
         shape=(12, 1, 1024),
         objects=("allen_key_set", "ball", "empty_hand"),
-        taps={0: ("allen_key_set", 0, 0, 0, 1023), 11: ("empty_hand", 0, 7, 11 * 1024, 12 * 1024 - 1)},
+        taps={0: ("allen_key_set", 0, 0, (0, 1, 0, 1023)), 11: ("empty_hand", 0, 7, (11_264, 11_265, 11_264, 12_287))},
         sessions=(0, 1, 3, 4, 6, 7),
     )
 
@@ -222,7 +231,7 @@ def eflesh(folder: Path) -> Facts:
     return Facts(
         shape=(8, 1, 15),
         objects=("object",),
-        taps={0: ("object", 0, 0, 0, 14), 7: ("object", 3, 0, 105, 119)},
+        taps={0: ("object", 0, 0, (0, 1, 0, 14)), 7: ("object", 3, 0, (105, 106, 105, 119))},
         positions=(0.0, 1.0, 2.0, 3.0),
     )
 
@@ -241,7 +250,7 @@ def opentouch(folder: Path) -> Facts:
     return Facts(
         shape=(6, 30, 256),
         objects=("0", "1"),
-        taps={0: ("0", 0, 0, 0, 30 * 256 - 1), 5: ("1", 0, 2, 200_000 + 30 * 256, 200_000 + 60 * 256 - 1)},
+        taps={0: ("0", 0, 0, (0, 1, 256, 7679)), 5: ("1", 0, 2, (207_680, 207_681, 207_936, 215_359))},
         sessions=(0, 1, 2),
         rate_hz=30.0,
     )
@@ -258,8 +267,8 @@ def rmtac(folder: Path) -> Facts:
         shape=(4, 30, 768),
         objects=("pick_crack_egg", "pour_oil_pan"),
         taps={
-            0: ("pick_crack_egg", 0, 0, 0, 30 * 768 - 1),
-            3: ("pour_oil_pan", 0, 0, 100_000 + 30 * 768, 100_000 + 60 * 768 - 1),
+            0: ("pick_crack_egg", 0, 0, (0, 1, 768, 23_039)),
+            3: ("pour_oil_pan", 0, 0, (123_040, 123_041, 123_808, 146_079)),
         },
     )
 
@@ -278,7 +287,7 @@ def vistouch(folder: Path) -> Facts:
     return Facts(
         shape=(4, 200, 1),
         objects=("brass", "silk"),
-        taps={0: ("brass", 0, 0, 10, 209), 3: ("silk", 0, 3, 1020, 1219)},
+        taps={0: ("brass", 0, 0, (10, 10, 11, 209)), 3: ("silk", 0, 3, (1020, 1020, 1021, 1219))},
         sessions=(0, 1, 2, 3),
         rate_hz=100.0,
     )
@@ -290,17 +299,17 @@ def icub_forearm(folder: Path) -> Facts:
         for part in ("touch_raw", "touch_raw2"):
             frames = np.zeros((400, 384))
             frames[100:130, 7] = frames[280:300, 7] = 40 + i
+            frames[91::180, 0], frames[90::180, 1] = 2, 1
             frames[:, 192:] = 99
             rows = [(29763 + 2 * j, f"{1531035174.9 + j / 50:.6f}", *row) for j, row in enumerate(frames)]
             written(folder / f"data/{material}/{part}/right_forearm_comp/data.log", rows, delimiter=" ")
-            written(
-                folder / f"data/{material}/{part}/right_arm_encoders/data.log", [row[:18] for row in rows], " ", " "
-            )
+            arm = folder / f"data/{material}/{part}/right_arm_encoders/data.log"
+            written(arm, [row[:18] for row in rows], delimiter=" ")
         (folder / f"data/{material}/README").write_text("Description\n")
     return Facts(
         shape=(8, 100, 192),
         objects=("bathTowel", "yogaMat"),
-        taps={0: ("bathTowel", 0, 0, 0, 0), 7: ("yogaMat", 0, 1, 0, 0)},
+        taps={0: ("bathTowel", 0, 0, (0, 1, 2, 0)), 7: ("yogaMat", 0, 1, (0, 1, 2, 0))},
         sessions=(0, 1),
         rate_hz=50.0,
     )

@@ -41,10 +41,11 @@ def test_a_published_layout_becomes_taps(name, tmp_path):
     assert tuple(sorted(set(taps.session.tolist()))) == facts.sessions
     rate = taps.preprocessing.rate_hz
     assert rate == (facts.rate_hz if facts.rate_hz is None else pytest.approx(facts.rate_hz, rel=1e-3))
-    for number, (what, where, session, first, last) in facts.taps.items():
-        labels = taps.what_name[taps.what[number]], taps.where[number], taps.session[number]
-        assert labels == (what, where, session)
-        assert (taps.taps[number, 0, 0], taps.taps[number, -1, -1]) == (first, last)
+    second_sample, second_taxel = min(1, facts.shape[1] - 1), min(1, facts.shape[2] - 1)
+    for number, (*labels, samples) in facts.taps.items():
+        tap = taps.taps[number]
+        assert [taps.what_name[taps.what[number]], taps.where[number], taps.session[number]] == labels
+        assert (tap[0, 0], tap[0, second_taxel], tap[second_sample, 0], tap[-1, -1]) == samples
     for key, values in facts.extra.items():
         assert taps.dataset[key].values.tolist() == values
     assert "Licence: " in text
