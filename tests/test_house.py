@@ -59,7 +59,15 @@ EDGES = {
     "dask": ("analysis/tasks/dask.py",),
     "distributed": ("analysis/tasks/dask.py",),
     "h5netcdf": ("models/blocks.py",),
-    "h5py": ("models/io/isolated/hdf5.py", "models/io/mat.py", "models/storage.py"),
+    "h5py": (
+        "models/io/isolated/hdf5.py",
+        "models/io/layouts/formats/hdf5.py",
+        "models/io/layouts/formats/hdf5_nodes.py",
+        "models/io/layouts/formats/matlab.py",
+        "models/io/layouts/formats/matlab_hdf5.py",
+        "models/io/mat.py",
+        "models/storage.py",
+    ),
     "jax": (
         "analysis/audit/variance/gains.py",
         "analysis/conformance/routes.py",
@@ -94,7 +102,11 @@ EDGES = {
     "sklearn": ("inference/classifier.py",),
     "threadpoolctl": ("models/threads.py",),
     "typer": ("cli/*.py", "cli/shared/homing.py", "cli/shared/options.py"),
-    "zarr": ("analysis/sweep/store.py", "models/io/isolated/zarr_store.py"),
+    "zarr": (
+        "analysis/sweep/store.py",
+        "models/io/isolated/zarr_store.py",
+        "models/io/layouts/formats/zarr_store.py",
+    ),
 }
 """The files that may import any other package, wherever in a file and for types alone as well."""
 
