@@ -1,7 +1,7 @@
 """`solidtouch convert`: import recordings of any layout."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -11,11 +11,9 @@ from .shared.map_options import MAP_OPTIONS
 from .shared.options import Fields, Force, given, spelled_out
 
 if TYPE_CHECKING:
-    from ..models.io.recording import Recording
-    from ..models.preprocessing import Preprocessing
     from ..models.taps import TapSet
 
-_CUTTING = "level", "window", "pre", "tare", "tare_samples", "highpass"
+_CUTTING = "window", "tare", "tare_samples", "highpass", "signal", "events"
 
 
 @spelled_out
@@ -66,7 +64,12 @@ def convert(
     _check_cutting(how, segment)
     check_there(sources)
     if map_file is not None or how.says_something:
-        taps = _mapped(sources, how, map_file)
+        from ..models.io.layouts.tap_set import load_mapped
+
+        taps, told = load_mapped(sources, how, folder=None if map_file is None else map_file.parent)
+        for sentence in told:
+            typer.echo(sentence)
+        how = how.changed(rate=None)
     else:
         parts = [_taps(path, how) for path in sources]
         taps = joined(parts, [str(path) for path in sources])
@@ -90,14 +93,6 @@ def convert(
             typer.echo(f"{name}: {text}.".replace("..", "."))
 
 
-def _mapped(sources: list[Path], how: TapMap, map_file: Path | None) -> "TapSet":
-    """Taps of a recording as the map describes it."""
-    from ..models.io.layouts.assemble import read_mapped
-
-    recording = read_mapped(sources, how, folder=None if map_file is None else map_file.parent)
-    return recording.tapset() if how.trigger is None else _segmented(recording, how)
-
-
 def _taps(path: Path, how: TapMap) -> "TapSet":
     """Taps of a file of this software's layout; prints what was left out."""
     from ..models.io.load import CUT, read_recording
@@ -110,7 +105,14 @@ def _taps(path: Path, how: TapMap) -> "TapSet":
         return _recorded(path)
     recording = read_recording(path)
     with naming(path):
-        taps = recording.tapset() if how.trigger is None else _segmented(recording, how)
+        if how.trigger is None:
+            taps = recording.tapset()
+        else:
+            from ..models.io.layouts.tap_set import cut_streams
+
+            taps, told = cut_streams(recording, how)
+            for sentence in told:
+                typer.echo(sentence)
     for name in recording.left_out:
         typer.echo(f"Left out, not one row per tap: {name}.")
     return taps
@@ -132,40 +134,14 @@ def _check_cutting(how: TapMap, segment: bool) -> None:
 
     given_ones = [f"--{name.replace('_', '-')}" for name in _CUTTING if getattr(how, name) is not None]
     if how.trigger is None and (segment or given_ones):
-        raise InputError(f"{'--segment' if segment else given_ones[0]} requires --trigger clock or contact.")
+        raise InputError(f"{'--segment' if segment else given_ones[0]} requires --trigger, such as contact.")
     if how.trigger is None:
         return
     if how.window is None:
         raise InputError(f"--trigger {how.trigger} requires --window, the number of samples per tap.")
     if how.trigger == "contact" and not how.level:
         raise InputError("--trigger contact requires a nonzero --level, the value that counts as contact.")
+    if how.trigger in ("signal", "events") and not getattr(how, how.trigger):
+        raise InputError(f"--trigger {how.trigger} requires --{how.trigger}, where the presses are.")
     if how.tare in ("stream", "tap") and not how.tare_samples:
         raise InputError(f"--tare {how.tare} requires --tare-samples, the number of samples to average.")
-
-
-def _preprocessing(how: TapMap, rate_hz: float | None) -> "Preprocessing":
-    """Preprocessing record from the options."""
-    from ..models.preprocessing import Preprocessing
-
-    values: dict[str, Any] = {
-        "samples": how.window,
-        "rate_hz": rate_hz,
-        "tare": how.tare or "none",
-        "tare_samples": how.tare_samples or 0,
-        "highpass_hz": how.highpass or 0.0,
-        "trigger": how.trigger,
-        "trigger_level": how.level or 0.0,
-        "pre_samples": how.pre or 0,
-    }
-    return Preprocessing(**values)
-
-
-def _segmented(recording: "Recording", how: TapMap) -> "TapSet":
-    """Taps cut from the streams; prints what was lost."""
-    from ..models.io.streams import segment
-
-    cut = segment(recording, _preprocessing(how, recording.rate_hz if how.rate is None else how.rate))
-    typer.echo(f"{len(cut.taps)} taps from {cut.streams} streams, {cut.incomplete} incomplete taps left out.")
-    for stream in cut.silent:
-        typer.echo(f"No tap in the stream of {stream}.")
-    return cut.taps

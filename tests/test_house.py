@@ -59,7 +59,15 @@ EDGES = {
     "dask": ("analysis/tasks/dask.py",),
     "distributed": ("analysis/tasks/dask.py",),
     "h5netcdf": ("models/blocks.py",),
-    "h5py": ("models/io/isolated/hdf5.py", "models/io/mat.py", "models/storage.py"),
+    "h5py": (
+        "models/io/isolated/hdf5.py",
+        "models/io/layouts/formats/hdf5.py",
+        "models/io/layouts/formats/hdf5_nodes.py",
+        "models/io/layouts/formats/matlab.py",
+        "models/io/layouts/formats/matlab_hdf5.py",
+        "models/io/mat.py",
+        "models/storage.py",
+    ),
     "jax": (
         "analysis/audit/variance/gains.py",
         "analysis/conformance/routes.py",
@@ -79,7 +87,13 @@ EDGES = {
         "analysis/page/page.py",
         "analysis/page/report.py",
     ),
-    "mcap": ("hardware/recording/recording.py", "models/io/rig_reader.py"),
+    "mcap": (
+        "hardware/recording/recording.py",
+        "models/io/layouts/formats/mcap.py",
+        "models/io/mcap_file.py",
+        "models/io/rig_reader.py",
+    ),
+    "mcap_ros2": ("models/io/layouts/formats/mcap.py",),
     "mpmath": ("analysis/conformance/exact.py",),
     "numba": ("models/compiled.py", "models/vectors.py"),
     "numpyro": (
@@ -88,13 +102,18 @@ EDGES = {
         "models/measurement/**/*.py",
         "models/touch.py",
     ),
-    "pandas": ("models/io/csv.py",),
+    "pandas": ("models/io/csv.py", "models/io/layouts/formats/text.py"),
+    "pyarrow": ("models/io/isolated/columnar.py", "models/io/layouts/formats/columnar.py"),
     "rich": ("analysis/live/*.py", "analysis/page/terminal.py", "cli/**/*.py"),
     "serial": ("hardware/link/port.py",),
     "sklearn": ("inference/classifier.py",),
     "threadpoolctl": ("models/threads.py",),
     "typer": ("cli/*.py", "cli/shared/homing.py", "cli/shared/options.py"),
-    "zarr": ("analysis/sweep/store.py", "models/io/isolated/zarr_store.py"),
+    "zarr": (
+        "analysis/sweep/store.py",
+        "models/io/isolated/zarr_store.py",
+        "models/io/layouts/formats/zarr_store.py",
+    ),
 }
 """The files that may import any other package, wherever in a file and for types alone as well."""
 

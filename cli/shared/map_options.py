@@ -16,7 +16,7 @@ def _option(kind: Any, panel: str, text: str, metavar: str | None = None, **more
 
 def _parts(text: str) -> str | tuple[str, ...]:
     """Names separated by commas, or one."""
-    parts = tuple(part.strip() for part in text.split(","))
+    parts = _listed(text)
     return text if len(parts) == 1 else parts
 
 
@@ -29,6 +29,16 @@ def _positions(text: str) -> str | tuple[float, ...]:
         return tuple(float(part) for part in parts)
     except ValueError:
         raise SettingError("where_values", f"must be numbers such as 0,1.5,3, or an array, got {text!r}.") from None
+
+
+def _listed(text: str | tuple[str, ...]) -> tuple[str, ...]:
+    """Words separated by commas; a default is given as it is."""
+    return text if isinstance(text, tuple) else tuple(part.strip() for part in text.split(","))
+
+
+def _length(text: str) -> str | int:
+    """A number of samples, or a word."""
+    return int(text) if text.isdecimal() else text
 
 
 _SOURCE = "COLUMN, file:PATTERN, folder:PATTERN, TABLE.csv or =TEXT"
@@ -51,9 +61,18 @@ MAP_OPTIONS: dict[str, Any] = {
         "Columns that are taxels: names, patterns such as 'Signal*' or a slice such as 3:15; repeatable.",
         "COLUMNS",
     ),
-    "taps": _option(_Text, _SAMPLES, "Array that holds the samples.", "ARRAY"),
+    "taps": _option(_Text, _SAMPLES, "Array that holds the samples.", "ARRAY", parser=_parts),
     "axes": _option(_Text, _SAMPLES, "Its axes, such as what,trial,sample,taxel.", "AXES"),
     "tap": _option(_Text, _SAMPLES, "Column that numbers the taps; file or row: each of them is one.", "COLUMN"),
+    "keep": _option(_Text, _SAMPLES, "Rows or taps that are kept, such as 'valid=1' or 'force>0.2'.", "CONDITION"),
+    "length": _option(
+        Any, _SAMPLES, "Length of taps that differ in length: shortest, longest or N samples.", "N", parser=_length
+    ),
+    "align": _option(
+        Literal["contact", "peak"] | None, _SAMPLES, "What falls on the same sample of all taps; see --level and --pre."
+    ),
+    "resample": _option(float | None, _SAMPLES, "Resample to this rate.", "HZ"),
+    "leave_out": _option(Any, _SAMPLES, "Taxels to be left out: dead, saturated or both.", "KINDS", parser=_listed),
     "time": _option(_Text, _SAMPLES, "Column or array of times.", "COLUMN"),
     "time_unit": _option(Literal["s", "ms", "us", "ns"] | None, _SAMPLES, "Unit of the times."),
     "rate": _option(float | None, _SAMPLES, "Sampling rate, if the file does not state it.", "HZ"),
@@ -76,12 +95,15 @@ MAP_OPTIONS: dict[str, Any] = {
     "what_unit": _option(_Text, _LABELS, "Unit of the object sizes.", "UNIT"),
     "where_unit": _option(_Text, _LABELS, "Unit of the positions.", "UNIT"),
     "where_scale": _option(float, _LABELS, "Factor from numbers in the file to the unit.", "X"),
+    "where_round": _option(float | None, _LABELS, "Round positions to multiples of this.", "X"),
     "extra": _option(list[str] | None, _LABELS, "Further column or array to keep; repeatable.", "COLUMN"),
     "trigger": _option(
-        Literal["clock", "contact"] | None,
+        Literal["clock", "contact", "signal", "events"] | None,
         _CUTTING,
-        "Start of a tap: every WINDOW frames, or when a taxel reaches LEVEL.",
+        "Start of a tap: every WINDOW frames, when a taxel reaches LEVEL, or at presses that a signal or events tell.",
     ),
+    "signal": _option(_Text, _CUTTING, "Column or array that rises at each press.", "COLUMN"),
+    "events": _option(_Text, _CUTTING, "Table of the times of presses; frames if there is no time.", "TABLE.csv:COLUMN"),
     "level": _option(
         float | None,
         _CUTTING,

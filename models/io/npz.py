@@ -24,12 +24,12 @@ from .untrusted import check_size, in_bytes
 
 _NAME_LENGTH = 26  # where the length of its name stands in the header of a member
 _NAME = 30
-_MOST_HEADER = 1 << 14
-_DAMAGE = (zipfile.BadZipFile, zlib.error, OSError, EOFError, ValueError, RuntimeError, MemoryError)
+MOST_HEADER = 1 << 14
+DAMAGE = (zipfile.BadZipFile, zlib.error, OSError, EOFError, ValueError, RuntimeError, MemoryError)
 
 
-class _Declared(NamedTuple):
-    """What the header of a member says of its array, and the length of that header."""
+class DeclaredArray(NamedTuple):
+    """What a header says of its array, and the length of that header."""
 
     shape: tuple[int, ...]
     by_column: bool
@@ -38,6 +38,7 @@ class _Declared(NamedTuple):
 
     @property
     def nbytes(self) -> int:
+        """Bytes of its content."""
         return math.prod(self.shape) * self.dtype.itemsize
 
 
@@ -61,44 +62,75 @@ def read_npz(path: Path) -> dict[str, NDArray[Any]]:
             sizes = [declared[name].nbytes for name in used]
             check_size(path, sum(sizes), sum(size for size in sizes if size <= storage.ON_DISK))
             return {
-                name: _read(path, archive, members[name], name, array)
+                name: read_member(path, archive, members[name], name, array)
                 if name in used
                 else np.broadcast_to(np.zeros((), array.dtype), array.shape)
                 for name, array in declared.items()
             }
     except InputError:
         raise
-    except _DAMAGE as error:
+    except DAMAGE as error:
         raise InputError(f"damaged npz archive ({error}).") from error
 
 
-def _declared(archive: zipfile.ZipFile, member: zipfile.ZipInfo, name: str) -> _Declared:
+def _declared(archive: zipfile.ZipFile, member: zipfile.ZipInfo, name: str) -> DeclaredArray:
+    if (begin := beginning(archive, member, name)) is None:
+        raise InputError(f"member {name} of the archive is not an array.")
+    declared = declared_array(begin, member.file_size, name)
+    if declared.dtype.hasobject:
+        raise InputError(f"array {name} contains pickled objects, which are refused.")
+    return declared
+
+
+def beginning(archive: zipfile.ZipFile, member: zipfile.ZipInfo, name: str) -> bytes | None:
+    """The first bytes of a member of an archive, `None` if it is not an array.
+
+    Raises:
+        InputError: It is damaged.
+    """
     try:
         with archive.open(member) as file:
-            begin = io.BytesIO(file.read(_MOST_HEADER))
-        if not begin.getvalue().startswith(npy.MAGIC_PREFIX):
-            raise InputError(f"member {name} of the archive is not an array.")
-        first = npy.read_magic(begin) == (1, 0)
-        shape, by_column, dtype = (npy.read_array_header_1_0 if first else npy.read_array_header_2_0)(begin)
-    except InputError:
-        raise
+            begin = file.read(MOST_HEADER)
+    except DAMAGE as error:
+        raise InputError(f"array {name} is damaged ({error}).") from error
+    return begin if begin.startswith(npy.MAGIC_PREFIX) else None
+
+
+def declared_array(begin: bytes, size: int, name: str) -> DeclaredArray:
+    """What the first bytes of an array in the format of NumPy say of it.
+
+    Args:
+        begin: At least `MOST_HEADER` of them, or all.
+        size: Of its header and content.
+        name: For messages.
+
+    Raises:
+        InputError: It is damaged.
+    """
+    file = io.BytesIO(begin)
+    try:
+        first = npy.read_magic(file) == (1, 0)
+        shape, by_column, dtype = (npy.read_array_header_1_0 if first else npy.read_array_header_2_0)(file)
     except Exception as error:  # on damaged bytes NumPy raises almost any exception
         raise InputError(f"array {name} is damaged ({error}).") from error
-    declared = _Declared(shape, by_column, dtype, begin.tell())
+    declared = DeclaredArray(shape, by_column, dtype, file.tell())
     if dtype.hasobject:
-        raise InputError(f"array {name} contains pickled objects, which are refused.")
-    if declared.header + declared.nbytes != member.file_size or min(shape, default=0) < 0:
-        there = in_bytes(member.file_size - declared.header)
+        return declared
+    if declared.header + declared.nbytes != size or min(shape, default=0) < 0:
+        there = in_bytes(size - declared.header)
         raise InputError(f"array {name} is damaged (its header says {in_bytes(declared.nbytes)}, not {there}).")
     return declared
 
 
-def _read(
-    path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo, name: str, declared: _Declared
+def read_member(
+    path: Path, archive: zipfile.ZipFile, member: zipfile.ZipInfo, name: str, declared: DeclaredArray
 ) -> NDArray[Any]:
     """The array: in memory, or if it is large a map of its file, whose checksum is not compared, or of a temporary one.
 
     The temporary file holds what is compressed; where it has no room, the array comes into memory.
+
+    Raises:
+        InputError: The member is damaged.
     """
     shape, by_column, dtype, header = declared
     order = "F" if by_column else "C"
@@ -117,5 +149,5 @@ def _read(
                 check_size(path, declared.nbytes)
         with archive.open(member) as file:
             return npy.read_array(file, allow_pickle=False)
-    except _DAMAGE as error:
+    except DAMAGE as error:
         raise error if isinstance(error, InputError) else InputError(f"array {name} is damaged ({error}).") from error

@@ -2,19 +2,21 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ... import storage
 from ...blocks import over_blocks
+from ...cutting.ragged import EvenTaps, even_taps
+from ...cutting.sessions import number_by_date, number_by_gap
 from ...errors import InputError
 from ...grid import values_from_names
 from ...settings import Missing
 from ..recording import Labels, Recording, as_samples, naming
-from .files import source_files
-from .labels import ByOrder, LabelTables, as_numbers, as_texts
+from .files import SourceFile, source_files
+from .labels import ByOrder, LabelTables, as_numbers, as_texts, label_source
 from .mapping import PLANE, TapMap
 from .patterns import natural
 from .pieces import Piece, pieces
@@ -23,16 +25,36 @@ _SAME_RATE = 0.02
 """Rates of two files that differ by less in proportion are one: clocks of computers jitter."""
 
 
+class Mapped(NamedTuple):
+    """A recording as a map describes it.
+
+    Attributes:
+        recording: Taps or streams.
+        missing: Whether samples are NaN, where taps that end earlier were filled.
+        left_out: Taps that were left out, one sentence for each reason.
+        rises: For streams, the signal that rises at each press, shape (S,); `None` without.
+        files: The file of each piece; those of streams are numbered by these.
+        tables: Tables beside the files.
+    """
+
+    recording: Recording
+    missing: Missing
+    left_out: tuple[str, ...]
+    rises: NDArray[Any] | None
+    files: tuple[SourceFile, ...]
+    tables: LabelTables
+
+
 def read_mapped(
     sources: Sequence[str | Path], how: TapMap, missing: Missing = "refuse", folder: str | Path | None = None
-) -> Recording:
+) -> Mapped:
     """Taps or streams of files as a map describes them.
 
     Args:
         sources: Files and folders; without labels of sessions each of them is one.
         how: The map.
         missing: What to do with samples that are NaN, see `load_taps`.
-        folder: Where tables of labels are looked for first, that of the map.
+        folder: Where tables of labels are looked for, that of the map.
 
     Raises:
         InputError: A file is missing or damaged, does not hold what the map says, or does not go with another; the
@@ -45,25 +67,54 @@ def read_mapped(
     found = list(pieces(files, how, tables))
     if not sum(piece.rows for piece in found):
         raise InputError(f"{paths[0]}: no taps.")
-    samples = _joined(found, how, missing)
-    labels = _labels(found, how)
-    rate = how.rate or _common_rate(found)
+    found = [piece for piece in found if piece.rows]
+    even = _joined(found, how, missing)
+    labels, rate = _labels(found, how), how.rate or _common_rate(found)
+    whose = tuple(piece.file for piece in found)
+    if even is not None:
+        return Mapped(
+            Recording(even.samples, labels.take(even.kept), rate), even.missing, even.left_out, None, whose, tables
+        )
+    samples = _scaled(_concatenated([np.asarray(piece.signal.samples) for piece in found]), how, missing)
     if samples.ndim == 3:  # noqa: PLR2004
-        return Recording(samples, labels, rate)
+        return Mapped(Recording(samples, labels, rate), missing, (), None, whose, tables)
     file = np.repeat(np.arange(len(found)), [piece.rows for piece in found])
-    return Recording(samples, labels, rate, file)
+    times = [piece.time_s for piece in found if piece.time_s is not None]
+    time = np.concatenate(times) if len(times) == len(found) else None
+    rises = None if how.signal is None else np.concatenate([np.asarray(piece.rises) for piece in found])
+    return Mapped(Recording(samples, labels, rate, file, time=time), missing, (), rises, whose, tables)
 
 
-def _joined(found: Sequence[Piece], how: TapMap, missing: Missing) -> NDArray[np.floating]:
-    """Samples of all pieces, in a temporary file if they are many."""
+def _joined(found: Sequence[Piece], how: TapMap, missing: Missing) -> EvenTaps | None:
+    """Taps of one length, where the map says how to make them so; `None` where nothing has to be done."""
     first = found[0]
     for piece in found:
         with naming(piece.file.path):
             if piece.signal.cut != first.signal.cut:
                 raise InputError(f"holds {_kind(piece)}, {first.file.path} {_kind(first)}.")
-            _check_size(piece, first)
-    parts = [_whole(piece) for piece in found]
-    samples = as_samples("taps", _concatenated(parts), missing)
+            if _taxels(piece) != _taxels(first):
+                raise InputError(f"{_taxels(piece)} taxels, but {_taxels(first)} in {first.file.path}.")
+    if not first.signal.cut:
+        if how.align or how.length:
+            key = "align" if how.align else "length"
+            raise InputError(f"{key} (--{key}) is for taps; these files hold streams, which --trigger cuts.")
+        return None
+    lengths = {len(tap) for piece in found for tap in piece.signal.samples}
+    if how.align is None and how.length is None:
+        if len(lengths) > 1:
+            raise InputError(
+                f"taps have {min(lengths)} to {max(lengths)} samples; say their length with length (--length): "
+                "shortest, longest or a number."
+            )
+        return None
+    taps = [_scaled(np.asarray(tap), how, missing) for piece in found for tap in piece.signal.samples]
+    length = how.length or "shortest"
+    align, short = how.align or "none", "leave out" if isinstance(length, int) else "fill"
+    return even_taps(taps, length, align=align, level=how.level or 0.0, pre=how.pre or 0, short=short)
+
+
+def _scaled(samples: NDArray[Any], how: TapMap, missing: Missing) -> NDArray[np.floating]:
+    samples = as_samples("taps", samples, missing)
     return samples if how.scale == 1 else samples * how.scale
 
 
@@ -73,16 +124,6 @@ def _kind(piece: Piece) -> str:
 
 def _taxels(piece: Piece) -> int:
     return int(np.asarray(piece.signal.samples[0]).shape[-1]) if piece.rows else 0
-
-
-def _check_size(piece: Piece, first: Piece) -> None:
-    if piece.rows and _taxels(piece) != _taxels(first):
-        raise InputError(f"{_taxels(piece)} taxels, but {_taxels(first)} in {first.file.path}.")
-
-
-def _whole(piece: Piece) -> NDArray[Any]:
-    samples = piece.signal.samples
-    return np.concatenate(samples) if isinstance(samples, list) else samples
 
 
 def _concatenated(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
@@ -111,7 +152,7 @@ def _labels(found: Sequence[Piece], how: TapMap) -> Labels:
     return Labels(
         what=what,
         where=where,
-        session=_sessions(found),
+        session=_sessions(found, how),
         trial=_trials(found),
         what_name=names,
         extra={name: values for name in how.extra if (values := _values(found, name)) is not None},
@@ -241,7 +282,7 @@ def _positions(found: Sequence[Piece], how: TapMap) -> tuple[NDArray[np.float64]
     listed = _table(found, how.where_values, "where_values")
     if listed is None:
         numbers, unit = _measured(found, "where", raw)
-        return numbers * how.where_scale, {"where_unit": how.where_unit or unit}
+        return _rounded(numbers, how) * how.where_scale, {"where_unit": how.where_unit or unit}
     by_axis = any("where" in piece.signal.axis_index for piece in found)
     values, unit = as_numbers("where_values", listed)
     index = _indices("where", raw, len(values), how.one_based and not by_axis)
@@ -252,15 +293,25 @@ def _in_plane(
     axes: Sequence[tuple[NDArray[np.float64], str]], how: TapMap
 ) -> tuple[NDArray[np.float64], dict[str, Any]]:
     """Positions in a plane as one axis: numbered from 0 by x, then by y, then by angle."""
-    places = np.stack([values for values, _ in axes], axis=1) * how.where_scale
+    places = np.stack([_rounded(values, how) for values, _ in axes], axis=1) * how.where_scale
     _, index = np.unique(places, axis=0, return_inverse=True)
     return index.reshape(-1).astype(np.float64), {"where_unit": ""}
 
 
-def _sessions(found: Sequence[Piece]) -> NDArray[np.int64]:
+def _rounded(values: NDArray[np.float64], how: TapMap) -> NDArray[np.float64]:
+    """Positions without the noise of their measurement."""
+    return values if how.where_round is None else np.round(values / how.where_round) * how.where_round
+
+
+def _sessions(found: Sequence[Piece], how: TapMap) -> NDArray[np.int64]:
     """Session of each tap or row: whole numbers as they stand, others numbered; each source has its own."""
     raw, rows = _values(found, "session"), [piece.rows for piece in found]
     source = np.repeat([piece.file.source for piece in found], rows)
+    told = None if how.session is None else label_source("session", how.session)
+    if told is not None and told.kind == "gap":
+        return number_by_gap(_all_times(found), _seconds(told.name), source)
+    if told is not None and told.kind == "date":
+        return number_by_date(np.asarray(raw))
     if raw is None:
         return source.astype(np.int64)
     texts = as_texts(raw)
@@ -270,6 +321,22 @@ def _sessions(found: Sequence[Piece]) -> NDArray[np.int64]:
     order = sorted(set(pairs), key=lambda pair: (pair[0], natural(pair[1])))
     number = {pair: n for n, pair in enumerate(order)}
     return np.array([number[pair] for pair in pairs])
+
+
+def _all_times(found: Sequence[Piece]) -> NDArray[np.float64]:
+    """Time of each tap or row."""
+    times = [piece.time_s for piece in found]
+    known = [each for piece, each in zip(found, times, strict=True) if each is not None and each.shape == (piece.rows,)]
+    if len(known) < len(found):
+        raise InputError("session (--session) gap: needs time (--time), one for each tap or row.")
+    return np.concatenate(known)
+
+
+def _seconds(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(f"session (--session) gap:{text}: the pause must be a number of seconds.") from None
 
 
 def _trials(found: Sequence[Piece]) -> NDArray[np.int64] | None:

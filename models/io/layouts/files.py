@@ -78,7 +78,7 @@ def names_below(folder: Path) -> list[str]:
 
 
 def _names(folder: Path) -> Iterator[str]:
-    for root, folders, files in folder.walk():
+    for root, folders, files in folder.walk(follow_symlinks=True):
         stores = [name for name in folders if ending(name) in ENDINGS]
         folders[:] = [name for name in folders if name not in stores and not name.startswith(".")]
         for name in (*files, *stores):

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ...errors import InputError
 from .files import SourceFile
 from .formats.contents import Contents, TextTable, Values
-from .formats.registry import ENDINGS, open_contents
+from .formats.registry import ENDINGS, ending, open_contents
 from .patterns import filled, number_in
 
 type Label = NDArray[Any] | str | float | ByOrder
@@ -42,6 +42,16 @@ class LabelSource(NamedTuple):
     column: str = ""
 
 
+def as_known(values: NDArray[Any]) -> NDArray[Any]:
+    """Texts as numbers where all are."""
+    if values.dtype.kind != "U":
+        return values
+    try:
+        return values.astype(np.float64)
+    except ValueError:
+        return values
+
+
 def label_source(key: str, text: str) -> LabelSource:
     """Where a label stands, from the text of a map."""
     begin, _, rest = text.partition(":")
@@ -57,7 +67,7 @@ def label_source(key: str, text: str) -> LabelSource:
         return LabelSource(key, begin, rest)
     head, _, column = text.rpartition(":")
     for name, wanted in ((text, ""), (head, column)):
-        if ENDINGS.get(Path(name).suffix.lower()) == "text":
+        if ENDINGS.get(ending(name)) in ("text", "npy"):
             return LabelSource(key, "table", name, wanted)
     return LabelSource(key, "column", text)
 
@@ -73,42 +83,51 @@ class LabelTables:
 
     folders: Sequence[Path]
     how: TextTable
-    _known: dict[str, dict[str, NDArray[Any]]] = field(default_factory=dict)
+    _known: dict[Path, dict[str, NDArray[Any]]] = field(default_factory=dict)
 
-    def columns(self, name: str) -> Mapping[str, NDArray[Any]]:
-        """Columns of a table, as texts.
+    def label(self, source: LabelSource, file: SourceFile, rows: int) -> Label:
+        """Values of a column: in the row or rows that name the file, else in the rows of the file, else in all.
 
-        Raises:
-            InputError: It is in none of the folders, or damaged.
-        """
-        if name not in self._known:
-            path = next((there for folder in self.folders if (there := folder / name).is_file()), None)
-            if path is None:
-                places = ", ".join(str(folder) for folder in self.folders)
-                raise InputError(f"{name}: no such table of labels; looked in {places}.")
-            contents = open_contents(path, self.how)
-            self._known[name] = {key: np.asarray(of) for key, of in contents.read(list(contents.variables))[0].items()}
-        return self._known[name]
-
-    def label(self, source: LabelSource, file: SourceFile) -> Label:
-        """Values of a column in the rows of a file, or in all rows if none names a file.
+        Args:
+            source: The table and column; the only column needs no name.
+            file: The file that is labelled.
+            rows: Number of its rows, or of its taps.
 
         Raises:
-            InputError: There is no such column, or no row for this file.
+            InputError: There is no such table or column, or no row for this file.
         """
-        columns = self.columns(source.name)
-        column = source.column or source.key
+        name = filled(source.name, file.fields)
+        columns = self.columns(name, file)
+        column = source.column or (next(iter(columns)) if len(columns) == 1 else source.key)
         if column not in columns:
-            raise InputError(f"{source.name}: no column {column!r}; columns: {', '.join(columns)[:200]}.")
+            raise InputError(f"{name}: no column {column!r}; columns: {', '.join(columns)[:200]}.")
         ending_free = file.below.rpartition(".")[0] or file.below
-        names = {file.below, file.path.name, ending_free, ending_free.rpartition("/")[2]}
-        for key, texts in columns.items():
-            rows = np.flatnonzero(np.isin(texts, list(names))) if key != column else []
-            if len(rows):
-                return str(columns[column][rows[0]]) if len(rows) == 1 else columns[column][rows]
-        if any(Path(text).suffix.lower() in ENDINGS for texts in columns.values() for text in texts[:1].tolist()):
-            raise InputError(f"{file.path}: {source.name} has no row for this file.")
-        return ByOrder(columns[column], source.name)
+        names = [file.below, file.path.name, ending_free, ending_free.rpartition("/")[2]]
+        texts = {key: of for key, of in columns.items() if key != column and of.dtype.kind == "U"}
+        for of in texts.values():
+            if len(found := np.flatnonzero(np.isin(of, names))):
+                return str(columns[column][found[0]]) if len(found) == 1 else columns[column][found]
+        if any(ending(text) in ENDINGS for of in texts.values() for text in of[:1].tolist()):
+            raise InputError(f"{name} has no row for this file.")
+        return columns[column] if len(columns[column]) == rows else ByOrder(columns[column], name)
+
+    def columns(self, name: str, file: SourceFile) -> Mapping[str, NDArray[Any]]:
+        """Columns of a table, or the arrays of one axis of a file, that stands beside a file or in another folder.
+
+        Raises:
+            InputError: It is in none of them, or damaged.
+        """
+        folders = [file.path.parent, *self.folders]
+        path = next((there for folder in folders if (there := folder / name).is_file()), None)
+        if path is None:
+            places = ", ".join(dict.fromkeys(str(folder) for folder in folders))
+            raise InputError(f"{name}: no such table of labels; looked in {places}.")
+        if path not in self._known:
+            contents = open_contents(path, self.how)
+            values = contents.read(list(contents.variables))[0]
+            arrays = {key: of for key, of in values.items() if isinstance(of, np.ndarray)}
+            self._known[path] = {key: of.reshape(-1) for key, of in arrays.items() if of.size == max(of.shape, default=1)}
+        return self._known[path]
 
 
 def needed(sources: Sequence[LabelSource], fields: dict[str, str], contents: Contents) -> list[str]:
@@ -118,9 +137,14 @@ def needed(sources: Sequence[LabelSource], fields: dict[str, str], contents: Con
 
 
 def label_of(
-    source: LabelSource, file: SourceFile, contents: Contents, values: Mapping[str, Values], tables: LabelTables
+    source: LabelSource,
+    file: SourceFile,
+    contents: Contents,
+    values: Mapping[str, Values],
+    tables: LabelTables,
+    rows: int,
 ) -> Label:
-    """A label of the taps or rows of a file.
+    """A label of the taps or rows of a file, of which there are so many.
 
     Raises:
         InputError: It is nowhere, or differs in shape between rows.
@@ -131,8 +155,8 @@ def label_of(
     if source.kind == "field":
         return fields[source.name]
     if source.kind == "table":
-        return tables.label(source, file)
-    if source.kind == "file":
+        return tables.label(source, file, rows)
+    if source.kind in ("file", "gap"):
         return file.below
     name = filled(source.name, fields)
     if name in contents.attributes and name not in contents.variables:

@@ -165,7 +165,7 @@ def _map(sources: Sequence[str | Path], how: TapMap, guesses: Sequence[Guess]) -
             yield f"{guess.key} = {_toml(guess.value)}  # {guess.reason}"
     try:
         whole = how.changed(**values)
-        recording = read_mapped(sources, whole)
+        recording = read_mapped(sources, whole).recording
         labels = recording.labels
         kind = "frames of streams: cut them with trigger" if recording.is_stream else "taps"
         shape = recording.samples.shape

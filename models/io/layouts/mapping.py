@@ -17,11 +17,13 @@ from .formats.contents import TextTable
 
 type Format = Literal["text", "npy", "npz", "mat", "hdf5", "netcdf", "zarr", "parquet", "arrow", "jsonl", "mcap"]
 type TimeUnit = Literal["s", "ms", "us", "ns"]
+type Trigger = Literal["clock", "contact", "signal", "events"]
+type Length = Literal["shortest", "longest"] | Annotated[int, Meta(ge=1, le=10**9)]
 type Names = str | tuple[str, ...]
 
 AXES = ("tap", "sample", "taxel", "what", "where", "session", "trial")
 LABELS = ("what", "where", "session", "trial")
-CUTTING = ("trigger", "level", "window", "pre", "tare", "tare_samples", "highpass")
+CUTTING = ("trigger", "level", "window", "pre", "tare", "tare_samples", "highpass", "resample", "leave_out")
 ORIGIN = ("sensor", "source", "licence", "citation")
 PLANE = ("x", "y", "angle")
 """What a position in a plane consists of; the angle may be left out."""
@@ -46,7 +48,8 @@ class TapMap(Checked, frozen=True, kw_only=True):
         taxels: Columns that are taxels, or a slice of the taxels of `taps`.
         taps: Array of the samples.
         axes: Its axes, separated by commas.
-        tap: Column that numbers the taps, `"file"` or `"row"`.
+        tap: Column that numbers the taps, `"file"` or `"row"`; `"restart:COLUMN"` or `"ends:ARRAY"`.
+        keep: Which rows or taps are kept, by a column.
         time: Column or array of times.
         time_unit: Its unit.
         rate: Samples per second.
@@ -61,10 +64,17 @@ class TapMap(Checked, frozen=True, kw_only=True):
         what_unit: Unit of the sizes.
         where_unit: Unit of the positions.
         where_scale: Factor from numbers in the file to `where_unit`.
+        where_round: Positions are rounded to a multiple of this, in the numbers of the file.
         units: Unit of the samples.
         scale: Factor from numbers in the file to `units`.
         extra: Further columns or arrays that are kept, one value for each tap.
-        trigger: Start of a tap in a stream, as in `Preprocessing`; likewise the next six.
+        length: Of all taps, where they differ in length.
+        align: What falls on the same sample of all taps.
+        resample: Rate in hertz that samples are resampled to.
+        leave_out: Kinds of taxels that are left out.
+        trigger: Start of a tap in a stream: as in `Preprocessing`, or a press by a signal or a table of events.
+        signal: Column or array that rises at each press.
+        events: Table or array of the times of presses, or of their frames where no time is known.
         level: Preprocessed value that counts as contact.
         window: Samples of a tap.
         pre: Samples before contact.
@@ -88,9 +98,10 @@ class TapMap(Checked, frozen=True, kw_only=True):
     comment: str = ""
     header: bool = True
     taxels: Names | None = None
-    taps: str | None = None
+    taps: Names | None = None
     axes: str | None = None
     tap: str | None = None
+    keep: str | None = None
     time: str | None = None
     time_unit: Annotated[TimeUnit | None, wanted("s, ms, us or ns")] = None
     rate: _Positive | None = None
@@ -105,10 +116,17 @@ class TapMap(Checked, frozen=True, kw_only=True):
     what_unit: str | None = None
     where_unit: str | None = None
     where_scale: Annotated[_Factor, wanted("a number")] = 1.0
+    where_round: _Positive | None = None
     units: str | None = None
     scale: Annotated[_Factor, wanted("a number")] = 1.0
     extra: Annotated[tuple[str, ...], wanted("names of columns or arrays")] = ()
-    trigger: Annotated[Literal["clock", "contact"] | None, wanted("clock or contact")] = None
+    length: Annotated[Length | None, wanted("shortest, longest or a number of samples")] = None
+    align: Annotated[Literal["contact", "peak"] | None, wanted("contact or peak")] = None
+    resample: _Positive | None = None
+    leave_out: Annotated[tuple[Literal["dead", "saturated"], ...], wanted("dead or saturated")] = ()
+    trigger: Annotated[Trigger | None, wanted("clock, contact, signal or events")] = None
+    signal: str | None = None
+    events: str | None = None
     level: float | None = None
     window: int | None = None
     pre: int | None = None

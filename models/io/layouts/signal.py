@@ -31,6 +31,20 @@ class Signal:
         """Whether these are taps."""
         return isinstance(self.samples, list) or self.samples.ndim == 3
 
+    def select(self, mask: NDArray[np.bool_]) -> "Signal":
+        """These taps or frames alone."""
+        samples = self.samples
+        index = {key: of[mask] for key, of in self.axis_index.items()}
+        if isinstance(samples, list):
+            return Signal([each for each, keep in zip(samples, mask, strict=True) if keep], index)
+        return Signal(samples[mask], index)
+
+    def with_taxels(self, chosen: slice) -> "Signal":
+        """These taxels alone."""
+        samples = self.samples
+        some = [each[..., chosen] for each in samples] if isinstance(samples, list) else samples[..., chosen]
+        return Signal(some, self.axis_index)
+
 
 def arranged(values: Values, axes: Sequence[str] | None, name: str, frames: bool) -> Signal:
     """Samples with their axes in the order of a tap set.
@@ -99,6 +113,29 @@ def _in_order(values: NDArray[Any], axes: Sequence[str], wanted: Sequence[str]) 
     lengths = [[values.shape[i] for i, axis in enumerate(axes) if axis == role] for role in wanted]
     shape = tuple(int(np.prod(each, dtype=np.int64)) for each in lengths)
     return moved if moved.shape == shape else moved.reshape(shape)
+
+
+def side_by_side(signals: Sequence[Signal], names: Sequence[str]) -> Signal:
+    """One signal with the taxels of all.
+
+    Raises:
+        InputError: They differ in taps, samples or kind.
+    """
+    first = signals[0]
+    for signal, name in zip(signals[1:], names[1:], strict=True):
+        if _lengths(signal) != _lengths(first):
+            raise InputError(f"{name} and {names[0]} differ in their numbers of taps or samples.")
+    if len(signals) == 1:
+        return first
+    samples = [signal.samples for signal in signals]
+    if isinstance(first.samples, list):
+        return Signal([np.concatenate(each, axis=-1) for each in zip(*samples, strict=True)], first.axis_index)
+    return Signal(np.concatenate(samples, axis=-1), first.axis_index)
+
+
+def _lengths(signal: Signal) -> list[tuple[int, ...]]:
+    samples = signal.samples
+    return [each.shape[:-1] for each in samples] if isinstance(samples, list) else [samples.shape[:-1]]
 
 
 def runs(*keys: NDArray[Any]) -> NDArray[np.intp]:

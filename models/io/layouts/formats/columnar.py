@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from math import prod
 from pathlib import Path
-from typing import Any
+from typing import Any, override
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,6 +69,7 @@ class ColumnarContents(Contents):
                     self._paths[name] = path_
                     self.variables[name] = Variable((length, *dims), dtype, _unit(name, kind))
 
+    @override
     def read(self, names: Sequence[str], columns: Sequence[str] = ()) -> tuple[dict[str, Values], NDArray[Any] | None]:
         import pyarrow as pa  # noqa: PLC0415
 
@@ -146,7 +147,9 @@ def _leaves(kind: Any, path: tuple[str, ...], dims: tuple[int | None, ...] = ())
 def _is_list(kind: Any) -> bool:
     from pyarrow import types  # noqa: PLC0415
 
-    return types.is_list(kind) or types.is_large_list(kind) or types.is_list_view(kind) or types.is_large_list_view(kind)
+    return (
+        types.is_list(kind) or types.is_large_list(kind) or types.is_list_view(kind) or types.is_large_list_view(kind)
+    )
 
 
 def _dtype(kind: Any) -> np.dtype[Any] | None:

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .... import storage
-from ....errors import InputError
 from .contents import Values
 
 

@@ -4,10 +4,9 @@ import json
 from collections.abc import Callable, Iterator, Sequence
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, override
 
 import msgspec
-import numpy as np
 from numpy.typing import NDArray
 
 from ....errors import InputError
@@ -52,6 +51,7 @@ class JsonLines(Contents):
         if not self.variables:
             raise InputError("there are no objects with keys.")
 
+    @override
     def read(self, names: Sequence[str], columns: Sequence[str] = ()) -> tuple[dict[str, Values], NDArray[Any] | None]:
         asked, numbers = _asked(self, self._paths, names, columns)
 
@@ -61,6 +61,7 @@ class JsonLines(Contents):
 
         return gathered(parts, list(names), len(columns))
 
+    @override
     def place(self, row: int) -> str:
         for block in self._lines:
             length = sum(1 for line in block.content.splitlines() if line.strip())
@@ -97,6 +98,7 @@ class JsonDocument(Contents):
             raise InputError(f"the list {first} has {lengths[first]} items, but {other} has {lengths[other]}.")
         return [dict(zip(lists, row, strict=True)) for row in zip(*lists.values(), strict=True)]
 
+    @override
     def read(self, names: Sequence[str], columns: Sequence[str] = ()) -> tuple[dict[str, Values], NDArray[Any] | None]:
         asked, numbers = _asked(self, self._paths, names, columns)
         part = objects.part(self._rows, asked, numbers, self.place)

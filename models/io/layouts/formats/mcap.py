@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, override
 
 import numpy as np
 from mcap.records import Channel, Message, Metadata, Schema
@@ -44,7 +44,8 @@ class McapContents(Contents):
     """Topics of an MCAP file; the first 20 messages of a topic tell its fields."""
 
     def __init__(self, path: Path) -> None:
-        self.path, self.variables, self.unreadable, self.attributes = path, {}, {}, {}
+        self.path, self.unreadable = path, {}
+        self.variables: dict[str, Variable] = {}
         self._places: dict[str, _Place] = {}
         first: dict[str, list[Any]] = {}
         lengths: dict[str, int] = {}
@@ -53,7 +54,7 @@ class McapContents(Contents):
             lengths[topic] = lengths.get(topic, 0) + 1
             if topic not in self.unreadable and len(rows := first.setdefault(topic, [])) < _FIRST:
                 try:
-                    rows.append(_row(message, decode, lambda topic=topic, row=len(rows): _named(topic, row)))
+                    rows.append(_row(message, decode, topic, len(rows)))
                 except InputError as error:
                     self.unreadable[topic] = str(error).rstrip(".")
         for topic, rows in first.items():
@@ -75,6 +76,7 @@ class McapContents(Contents):
                 self.variables[name] = Variable((length,), found[field].dtype, "s") if time else found[field]
                 self._places[name] = _Place(topic, path)
 
+    @override
     def read(self, names: Sequence[str], columns: Sequence[str] = ()) -> tuple[dict[str, Values], NDArray[Any] | None]:
         asked, numbers = [[self.named(name) for name in some] for some in (names, columns)]
         topics = {self._places[name].topic for name in numbers}
@@ -139,7 +141,7 @@ def _held(messages: _Messages, topics: set[str]) -> Iterator[tuple[str, int, lis
         if topic not in topics:
             continue
         rows = held[topic]
-        rows.append(_row(message, decode, lambda t=topic, row=starts[topic] + len(rows): _named(t, row)))
+        rows.append(_row(message, decode, topic, starts[topic] + len(rows)))
         if (size := size + len(message.data)) > _BYTES:
             yield from ((each, starts[each], rows) for each, rows in held.items() if rows)
             starts = {each: starts[each] + len(rows) for each, rows in held.items()}
@@ -151,14 +153,14 @@ def _named(topic: str, row: int) -> str:
     return f"message {row + 1} of {topic}"
 
 
-def _row(message: Message, decode: Callable[[Message], object], where: Callable[[], str]) -> dict[str, object]:
+def _row(message: Message, decode: Callable[[Message], object], topic: str, row: int) -> dict[str, object]:
     times = (message.log_time / _NANOSECONDS, message.publish_time / _NANOSECONDS)
     try:
         return {**dict(zip(_TIMES, times, strict=True)), "": decode(message)}
     except InputError:
         raise
     except Exception as error:  # on damaged bytes the library raises almost any exception
-        raise InputError(f"{where()} is damaged.") from error
+        raise InputError(f"{_named(topic, row)} is damaged.") from error
 
 
 def _decoder(channel: Channel, schema: Schema | None) -> Callable[[Message], object]:

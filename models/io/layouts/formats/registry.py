@@ -37,9 +37,9 @@ _OPENERS = {
     "hdf5": ("hdf5", "open_hdf5"),
     "netcdf": ("hdf5", "open_netcdf"),
     "zarr": ("zarr_store", "open_zarr"),
-    "parquet": ("columnar", "open_parquet"),
-    "arrow": ("columnar", "open_arrow"),
-    "jsonl": ("json_lines", "open_json_lines"),
+    "parquet": ("columnar", "open_columnar"),
+    "arrow": ("columnar", "open_columnar"),
+    "jsonl": ("json_lines", "open_json"),
     "mcap": ("mcap", "open_mcap"),
 }
 

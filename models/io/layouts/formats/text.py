@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, override
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +49,7 @@ class TextContents(Contents):
         columns = zip(self._layout.names, kinds, strict=True)
         self.variables = {name: Variable((None,), kind, name_and_unit(name)[1]) for name, kind in columns}
 
+    @override
     def read(self, names: Sequence[str], columns: Sequence[str] = ()) -> tuple[dict[str, Values], NDArray[Any] | None]:
         texts, numbers = self._places(names), self._places(columns)
 
@@ -59,6 +60,7 @@ class TextContents(Contents):
 
         return gathered(parts, list(names), len(columns))
 
+    @override
     def place(self, row: int) -> str:
         for block in self._blocks():
             length = _length(block.content, self._layout)
@@ -117,7 +119,9 @@ def _length(content: bytes, layout: Layout) -> int | None:
         return None
     if b'"' in content:
         quotes = np.flatnonzero(signs == _QUOTE)
-        around = np.frombuffer(b"\n" + content + b"\n", np.uint8)[np.where(np.arange(len(quotes)) % 2, quotes + 2, quotes)]
+        around = np.frombuffer(b"\n" + content + b"\n", np.uint8)[
+            np.where(np.arange(len(quotes)) % 2, quotes + 2, quotes)
+        ]
         if len(layout.names) == 1 or not np.isin(around, [ord(layout.delimiter), _END, _QUOTE]).all():
             return None
         inside = np.add.accumulate(signs == _QUOTE, dtype=np.uint8) % 2 == 1

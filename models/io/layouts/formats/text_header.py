@@ -140,8 +140,8 @@ def _found(first: Block, how: TextTable) -> Layout:
         delimiter = ";" if how.decimal == "," else ","
         return _layout(_first_rows(first, delimiter), delimiter, how)
     raise InputError(
-        "none of , ; tab | blank splits the first rows into as many cells as the header; give --delimiter, or --skip-rows "
-        f"or --comment for lines before it ({max(whys, key=_line, default='')[:-1]})."
+        "none of , ; tab | blank splits the first rows into as many cells as the header; give --delimiter, or "
+        f"--skip-rows or --comment for lines before it ({max(whys, key=_line, default='')[:-1]})."
     )
 
 
