@@ -129,7 +129,7 @@ def _length(content: bytes, layout: Layout) -> int | None:
         delimiters &= ~inside | (layout.delimiter == " ")
     end = np.flatnonzero(ends)
     found = np.diff(np.searchsorted(np.flatnonzero(delimiters), end), prepend=0)
-    spared = (found == width) & delimiters[end - 1] if layout.delimiter != " " else False
+    spared = (found == width) & delimiters[end - 1] & (layout.delimiter != " ")
     odd = np.flatnonzero((found != width - 1) & ~spared)
     if len(odd) > _MOST_ODD or any(content[end[i - 1] + 1 if i else 0 : end[i]].strip() for i in odd):
         return None
