@@ -42,8 +42,10 @@ class LabelSource(NamedTuple):
     column: str = ""
 
 
-def as_known(values: NDArray[Any]) -> NDArray[Any]:
-    """Texts as numbers where all are."""
+def as_known(values: NDArray[Any] | str) -> Any:
+    """Texts as numbers where all are; a single text likewise."""
+    if isinstance(values, str):
+        return as_known(np.array([values]))[0].item()
     if values.dtype.kind != "U":
         return values
     try:

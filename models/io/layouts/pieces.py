@@ -183,7 +183,9 @@ def _piece(
     signal, sources, values, unit = found
     rows = len(signal.samples)
     labels = {key: label_of(of, file, contents, values, tables, rows) for key, of in sources.items()}
-    labels = {key: as_known(of) if key in how.extra and isinstance(of, np.ndarray) else of for key, of in labels.items()}
+    labels = {
+        key: as_known(of) if key in how.extra and isinstance(of, np.ndarray | str) else of for key, of in labels.items()
+    }
     time_s = _times(how, file, contents, values)
     rises = None if how.signal is None else np.asarray(values[_named(contents, how.signal, file)])
     per_row: dict[str, Any] = {"time": time_s, "rises": rises, **labels}
