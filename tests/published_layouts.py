@@ -13,6 +13,11 @@ from numpy.typing import NDArray
 from pyarrow import parquet
 from scipy.io import savemat
 
+GESTURES = (
+    *("grab", "hit", "massage", "pat", "pinch", "poke", "press"),
+    *("rub", "scratch", "slap", "squeeze", "stroke", "tap", "tickle"),
+)
+
 
 @dataclass(frozen=True)
 class Facts:
@@ -95,6 +100,19 @@ def biotac_slide(folder: Path) -> Facts:
     )
 
 
+def biotac_slide_compiled(folder: Path) -> Facts:
+    """Labels in an array file beside that of the samples."""
+    (folder / "compiled_data").mkdir()
+    for part, taps in (("test", 6), ("val_0", 4)):
+        np.save(folder / f"compiled_data/bio_{part}.npy", counted(taps, 19, 40).astype(np.float32))
+        np.save(folder / f"compiled_data/labels_{part}.npy", np.arange(taps) // 2 + 5)
+    return Facts(
+        shape=(6, 40, 19),
+        objects=("5", "6", "7"),
+        taps={0: ("5", 0, 0, (0, 40, 1, 759)), 5: ("7", 0, 0, (3800, 3840, 3801, 4559))},
+    )
+
+
 def txzy(folder: Path) -> Facts:
     """Tabs also at the ends of rows, no header, a file for each finger, and a row of -1000 after each contact."""
     for i, name in enumerate(("ball_1", "cylinder_1")):
@@ -153,9 +171,9 @@ def phac_hold(folder: Path) -> Facts:
             arrays = {key: of.astype(np.uint16) for key, of in arrays.items()} | {"JPos": np.zeros((1, frames))}
             savemat(folder / f"data/{name}_{trial:02}_HOLD.mat", arrays)
     return Facts(
-        shape=(6, 1000, 19),
+        shape=(6, 1000, 38),
         objects=("acrylic", "black_foam"),
-        taps={0: ("acrylic", 0, 1, (1, 1001, 2, 19_000)), 5: ("black_foam", 0, 10, (20_010, 21_010, 20_011, 39_009))},
+        taps={0: ("acrylic", 0, 1, (1, 1001, 2, 18_999)), 5: ("black_foam", 0, 10, (20_010, 21_010, 20_011, 18_999))},
         sessions=(1, 2, 10),
     )
 
@@ -208,31 +226,35 @@ def stag(folder: Path) -> Facts:
     names = np.array([["allen_key_set", "ball", "empty_hand"]], dtype=object)
     frame, odd = np.arange(n), np.arange(n) % 2
     column = {"objectId": frame // 4, "recordingId": 3 * (frame // 4) + odd, "frame": frame, "splitId": odd}
-    column |= {"isBalanced": np.ones(n), "hasValidLabel": np.ones(n)}
+    column |= {"isBalanced": np.ones(n), "hasValidLabel": frame % 4 != 1}
     arrays = {key: of.astype(float)[:, None] for key, of in column.items()}
     pressure = counted(n, 32, 32).astype(np.uint16)
     savemat(folder / "metadata.mat", {"pressure": pressure, "objects": names, **arrays})
     return Facts(
-        shape=(12, 1, 1024),
+        shape=(9, 1, 1024),
         objects=("allen_key_set", "ball", "empty_hand"),
-        taps={0: ("allen_key_set", 0, 0, (0, 1, 0, 1023)), 11: ("empty_hand", 0, 7, (11_264, 11_265, 11_264, 12_287))},
+        taps={0: ("allen_key_set", 0, 0, (0, 1, 0, 1023)), 8: ("empty_hand", 0, 7, (11_264, 11_265, 11_264, 12_287))},
         sessions=(0, 1, 3, 4, 6, 7),
     )
 
 
 def eflesh(folder: Path) -> Facts:
-    """Two files without header, row for row."""
-    places = [(x, y) for x in (274.0, 275.0) for y in (-115.0, -114.0) for _ in range(2)]
-    time = 1742155052.5 + 4 * np.arange(len(places))
-    sensor = [(t, *row) for t, row in zip(time, counted(len(places), 15), strict=True)]
-    written(folder / "sensor_post_baselines.csv", sensor)
-    written(folder / "sensor.csv", sensor)
-    written(folder / "states.csv", [(t + 0.002, x, y, 142.4) for t, (x, y) in zip(time, places, strict=True)])
+    """Two files without header in the folder of each run, row for row; positions that differ by noise."""
+    places = [(x, y + 0.00006 * k) for x in (274.0, 275.0) for y in (-115.0, -114.0) for k in range(2)]
+    for i, run in enumerate(("20250316_155729", "20250317_134149")):
+        time = 1742155052.5 + 4 * np.arange(len(places))
+        cells = counted(len(places), 15, start=1000 * i)
+        sensor = [(t, *row) for t, row in zip(time, cells, strict=True)]
+        here = folder / f"characterization/datasets/spatial_resolution/{run}_probe"
+        written(here / "sensor_post_baselines.csv", sensor)
+        written(here / "sensor.csv", sensor)
+        written(here / "states.csv", [(t + 0.002, x, y, 142.4) for t, (x, y) in zip(time, places, strict=True)])
     return Facts(
-        shape=(8, 1, 15),
+        shape=(16, 1, 15),
         objects=("object",),
-        taps={0: ("object", 0, 0, (0, 1, 0, 14)), 7: ("object", 3, 0, (105, 106, 105, 119))},
+        taps={0: ("object", 0, 0, (0, 1, 0, 14)), 15: ("object", 3, 1, (1105, 1106, 1105, 1119))},
         positions=(0.0, 1.0, 2.0, 3.0),
+        sessions=(0, 1),
     )
 
 
@@ -309,15 +331,37 @@ def icub_forearm(folder: Path) -> Facts:
     return Facts(
         shape=(8, 100, 192),
         objects=("bathTowel", "yogaMat"),
-        taps={0: ("bathTowel", 0, 0, (0, 1, 2, 0)), 7: ("yogaMat", 0, 1, (0, 1, 2, 0))},
+        taps={0: ("bathTowel", 0, 1, (0, 1, 2, 0)), 7: ("yogaMat", 0, 0, (0, 1, 2, 0))},
         sessions=(0, 1),
         rate_hz=50.0,
+    )
+
+
+def cost(folder: Path) -> Facts:
+    """All captures one after the other, told apart by the number of the frame; names of channels are made up."""
+    names = ["subject", " variant", " gesture", " frame", *(f" ch{n}" for n in range(1, 65))]
+    rows: list[Sequence[Any]] = []
+    for subject in (1, 31):
+        for variant in (1, 3):
+            for gesture in (1, 14):
+                for length in (60, 54, 20):
+                    cells = counted(length, 64, start=1000 * subject + 100 * gesture + variant)
+                    rows += [(subject, variant, gesture, j + 1, *row) for j, row in enumerate(cells)]
+    written(folder / "CoST.csv", [names, *rows])
+    return Facts(
+        shape=(16, 54, 64),
+        objects=GESTURES,
+        taps={0: ("grab", 0, 1, (1101, 1102, 1165, 4556)), 15: ("tickle", 0, 31, (32_403, 32_404, 32_467, 35_858))},
+        sessions=(1, 31),
+        rate_hz=135.0,
+        extra={"variant": [1.0] * 4 + [3.0] * 4 + [1.0] * 4 + [3.0] * 4},
     )
 
 
 LAYOUTS: dict[str, Callable[[Path], Facts]] = {
     "bts3": bts3,
     "biotac-slide": biotac_slide,
+    "biotac-slide-compiled": biotac_slide_compiled,
     "txzy": txzy,
     "uskin-slip": uskin_slip,
     "phac-hold": phac_hold,
@@ -330,5 +374,6 @@ LAYOUTS: dict[str, Callable[[Path], Facts]] = {
     "rmtac": rmtac,
     "vistouch": vistouch,
     "icub-forearm": icub_forearm,
+    "cost": cost,
 }
 """By name of the map in docs/datasets."""
