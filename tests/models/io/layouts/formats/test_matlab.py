@@ -30,7 +30,7 @@ def all_of(contents):
 
 @pytest.mark.parametrize("write", WRITERS.values(), ids=WRITERS)
 @given(workspace=WORKSPACES, data=st.data())
-@settings(max_examples=60)
+@settings(max_examples=25)
 def test_a_workspace_comes_through(write, workspace, data):
     """Whole and in any parts; its variables are declared as they are read."""
     wanted = expected(workspace)
@@ -217,12 +217,12 @@ def test_what_newer_files_hold_is_refused(add, sentence, tmp_path):
 
 
 def test_a_cell_inside_itself_ends(tmp_path, monkeypatch):
-    monkeypatch.setattr(matlab_hdf5, "MOST_NODES", 10_000)
+    monkeypatch.setattr(matlab_hdf5, "MOST_NODES", 1000)
     path = tmp_path / "taps.mat"
     write_v73(path, {"y": np.array(1.0)})
     with h5py.File(path, "r+") as file:
         endless(file)
-    with pytest.raises(InputError, match="more than 10,000 elements of cells and structs are not read"):
+    with pytest.raises(InputError, match="holds more elements of cells and structs than a file of its size can"):
         opened(path)
 
 
