@@ -45,7 +45,7 @@ class McapContents(Contents):
 
     def __init__(self, path: Path) -> None:
         self.path, self.unreadable = path, {}
-        self.variables: dict[str, Variable] = {}
+        self.variables = found = {}
         self._places: dict[str, _Place] = {}
         first: dict[str, list[Any]] = {}
         lengths: dict[str, int] = {}
@@ -59,7 +59,7 @@ class McapContents(Contents):
                     self.unreadable[topic] = str(error).rstrip(".")
         for topic, rows in first.items():
             if topic not in self.unreadable:
-                self._add(topic, rows, lengths[topic])
+                self._add(found, topic, rows, lengths[topic])
         self.attributes = messages.attributes
         if messages.lost_bytes:
             self.unreadable["the end of the file"] = f"its last {messages.lost_bytes} bytes are damaged"
@@ -67,13 +67,13 @@ class McapContents(Contents):
             why = "".join(f"; {name}: {reason}" for name, reason in self.unreadable.items())
             raise InputError(f"there are no messages that can be read{why}.")
 
-    def _add(self, topic: str, rows: list[Any], length: int) -> None:
+    def _add(self, into: dict[str, Variable], topic: str, rows: list[Any], length: int) -> None:
         found, paths = objects.fields(rows, length)
         for field, path in paths.items():
             name = f"{topic}/{field.removeprefix('.')}"
-            if name not in self.variables:
+            if name not in into:
                 time = path[0] in _TIMES
-                self.variables[name] = Variable((length,), found[field].dtype, "s") if time else found[field]
+                into[name] = Variable((length,), found[field].dtype, "s") if time else found[field]
                 self._places[name] = _Place(topic, path)
 
     @override
