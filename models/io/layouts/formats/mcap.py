@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, override
 
 import numpy as np
-from mcap.records import Channel, Message, Metadata, Schema
+from mcap.records import Channel, Message, Metadata, Schema, Statistics
 from numpy.typing import NDArray
 
 from ....errors import InputError
@@ -61,6 +61,8 @@ class McapContents(Contents):
             if topic not in self.unreadable:
                 self._add(found, topic, rows, lengths[topic])
         self.attributes = messages.attributes
+        if messages.lost > 0:
+            self.unreadable[f"{messages.lost} messages"] = "the summary of the file counts them, but they are damaged"
         if messages.lost_bytes:
             self.unreadable["the end of the file"] = f"its last {messages.lost_bytes} bytes are damaged"
         if not self.variables:
@@ -107,6 +109,7 @@ class _Messages:
     Attributes:
         attributes: Once read: metadata of the file.
         lost_bytes: Once read: number of damaged bytes at its end.
+        lost: Once read: number of messages that the summary of the file counts, but that are not there.
     """
 
     def __init__(self, path: Path) -> None:
@@ -115,7 +118,7 @@ class _Messages:
         except InputError as error:
             raise InputError(str(error).removeprefix(f"{path}: ")) from error
         self.attributes: dict[str, str | float] = {}
-        self.lost_bytes = 0
+        self.lost_bytes = self.lost = 0
 
     def __iter__(self) -> Iterator[tuple[str, Message, Callable[[Message], object]]]:
         schemas: dict[int, Schema] = {}
@@ -127,7 +130,10 @@ class _Messages:
                 channels[record.id] = record.topic, _decoder(record, schemas.get(record.schema_id))
             elif isinstance(record, Metadata):
                 self.attributes |= {f"{record.name}.{key}": value for key, value in record.metadata.items()}
+            elif isinstance(record, Statistics):
+                self.lost += record.message_count
             elif isinstance(record, Message) and record.channel_id in channels:
+                self.lost -= 1
                 topic, decode = channels[record.channel_id]
                 yield topic, record, decode
         self.lost_bytes = self._file.lost_bytes
