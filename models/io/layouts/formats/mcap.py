@@ -21,7 +21,7 @@ _NANOSECONDS = 1e9
 _TIMES = ("log_time", "publish_time")
 
 
-class _Place(NamedTuple):
+class _Field(NamedTuple):
     """Where a variable is: its topic, and its path in a row, which holds the message under an empty name."""
 
     topic: str
@@ -46,7 +46,7 @@ class McapContents(Contents):
     def __init__(self, path: Path) -> None:
         self.path, self.unreadable = path, {}
         self.variables = found = {}
-        self._places: dict[str, _Place] = {}
+        self._places: dict[str, _Field] = {}
         first: dict[str, list[Any]] = {}
         lengths: dict[str, int] = {}
         messages = _Messages(path)
@@ -76,7 +76,7 @@ class McapContents(Contents):
             if name not in into:
                 time = path[0] in _TIMES
                 into[name] = Variable((length,), found[field].dtype, "s") if time else found[field]
-                self._places[name] = _Place(topic, path)
+                self._places[name] = _Field(topic, path)
 
     @override
     def read(self, names: Sequence[str], columns: Sequence[str] = ()) -> tuple[dict[str, Values], NDArray[Any] | None]:
