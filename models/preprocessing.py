@@ -5,13 +5,15 @@ stored in every `TapSet` and every fitted model, and a model refuses taps with a
 """
 
 import json
+import math
 from dataclasses import asdict, dataclass, fields
+from fractions import Fraction
 from itertools import pairwise
 from typing import Any, Literal, Self
 
 import numpy as np
 
-from .cutting.sampling_ratio import sampling_ratio
+from .cutting.sampling_ratio import frames_behind, sampling_ratio
 from .errors import InputError, check_count, check_numbers
 
 _NEWER = (
@@ -108,6 +110,23 @@ class Preprocessing:
             if not taxels or any(a >= b for a, b in pairwise(taxels)):
                 raise InputError(f"taxels must be at least one, in increasing order, got {taxels!r:.80}.")
             object.__setattr__(self, "taxels", taxels)
+
+    @property
+    def ratio(self) -> Fraction:
+        """Samples per frame of the sensor; 1 without resampling."""
+        if self.sensor_hz is None or self.rate_hz is None:
+            return Fraction(1)
+        return sampling_ratio(self.sensor_hz, self.rate_hz)
+
+    @property
+    def frames_behind(self) -> int:
+        """Frames of the sensor behind the last one of a tap that must arrive before it is complete."""
+        return 0 if self.sensor_hz is None else frames_behind(self.ratio)
+
+    @property
+    def frames(self) -> int:
+        """Frames of the sensor from the first to the last one on which the samples of a tap may depend."""
+        return math.ceil((self.samples - 1) / self.ratio) + 1 + 2 * self.frames_behind
 
     def differences(self, other: Self, here: str = "here", there: str = "there") -> list[str]:
         """Differences of `other`, one phrase per field; empty if both are equal.

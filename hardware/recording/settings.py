@@ -27,6 +27,8 @@ def about_rig(rig: RigFile, text: str = "", plan: Plan | None = None) -> About:
     edges = limits.start_mm + limits.cell_mm * np.arange(limits.where_classes + 1)
     kind = "iCub fingertip" if isinstance(rig.sensor, IcubSettings) else "line sensor"
     objects = [] if plan is None else plan.objects
+    used = range(len(rig.sensor.positions_mm)) if rig.tap.taxels is None else rig.tap.taxels
+    positions = [rig.sensor.positions_mm[k] for k in used] if rig.sensor.positions_mm else []
     return About(
         name=rig.name,
         sensor=f"emulated {kind}" if rig.emulator is not None else kind,
@@ -34,7 +36,7 @@ def about_rig(rig: RigFile, text: str = "", plan: Plan | None = None) -> About:
         text=text,
         preprocessing=rig.preprocessing.to_json(),
         where_edges_mm=edges.tolist(),
-        taxel_position_mm=list(chain.from_iterable(rig.sensor.positions_mm)),
+        taxel_position_mm=list(chain.from_iterable(positions)),
         plan={} if plan is None else msgspec.to_builtins(plan),
         session=0 if plan is None else plan.session,
         objects=[entry.name for entry in objects],

@@ -4,6 +4,7 @@ On any failure (an exception, Ctrl-C or a device), the finger is stopped and lif
 reported.
 """
 
+import math
 from collections import deque
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, nullcontext, suppress
@@ -92,7 +93,7 @@ class Rig:
         self.emulator: Connection | None = None
         self._journal = journal
         self._cutter = TapCutter(self.preprocessing)
-        self._frames: deque[SkinFrame] = deque(maxlen=self.preprocessing.samples)
+        self._frames: deque[SkinFrame] = deque(maxlen=self.preprocessing.frames)
         self._arrived = self._rest_from = 0
         self._tap: tuple[NDArray[np.float64], tuple[SkinFrame, ...]] | None = None
         self._place_mm = settings.range.start_mm + settings.range.cell_mm / 2
@@ -155,6 +156,7 @@ class Rig:
         if not pressing:
             self.clear()
         self._cutter = TapCutter(self.preprocessing)
+        self._journal.event(self.loop.now, "stream", "taps are cut from here on")
         self._rest_from = self._arrived
         self.go(self._place_mm)
 
@@ -267,11 +269,12 @@ class Rig:
         settings, sensor = self.settings, self.settings.sensor
         with self.loop.guarded(self.skin.monitor.check), self.loop.guarded(self.stage.check):
             self._stand()
-            self._wait_for_frames(self._rest_from + settings.tap.lead_samples - 1 - self._arrived)
+            lead = math.ceil(settings.tap.lead_samples / self.preprocessing.ratio)
+            self._wait_for_frames(self._rest_from + lead - 1 - self._arrived)
             if (early_s := self._pressed_s + settings.tap.period_s - self.loop.now) > 0:
                 self.loop.sleep(early_s - 0.5 / sensor.rate_hz)
             self._wait_for_frames(1)
-            self.skin.monitor.check_rest(tuple(self._frames)[-settings.tap.lead_samples :])
+            self.skin.monitor.check_rest(tuple(self._frames)[-lead:])
             self._tap = None
             self._pressed_s = self.loop.now
             self._journal.press(self._pressed_s, {**self.label, "x_mm": self._place_mm})
@@ -283,9 +286,14 @@ class Rig:
             self._rest_from = self._arrived
         if self.stage.counts.unanswered > unanswered:
             return samples, "an answer of the stage was lost, so the press lasted too long"
-        if ended_s - frames[-1].time_s > _SEEN_S:
+        if ended_s - frames[-1 - self.preprocessing.frames_behind].time_s > _SEEN_S:
             return samples, "the finger was still moving when the readings of the tap ended"
-        trace = implausible(samples, settings.tap.lead_samples, sensor.noise_limit)
+        if self.preprocessing.sensor_hz is None:
+            trace = implausible(samples, settings.tap.lead_samples, sensor.noise_limit)
+        else:  # resampling would smear a reading that jumped
+            readings = np.array([frame.values for frame in frames])
+            before = sum(frame.time_s <= self._pressed_s for frame in frames)
+            trace = implausible(readings, before, sensor.noise_limit)
         return samples, self.skin.monitor.verdict(frames) or trace
 
     def _check_connected(self) -> None:
@@ -359,7 +367,7 @@ class Rig:
         J = self.preprocessing.samples
         self.loop.wait_for(
             lambda: self._tap is not None,
-            J / self.settings.sensor.rate_hz + _LATE_S,
+            self.preprocessing.frames / self.settings.sensor.rate_hz + _LATE_S,
             f"{self.settings.sensor.port}: the {J} readings of a tap did not arrive in time.",
         )
         if self._tap is None:  # impossible after wait_for; for the type checker

@@ -208,6 +208,8 @@ class TapSettings(_RigTable, frozen=True):
         period_s: Time from tap to tap (paper: 1 s).
         tare: `"tap"` subtracts the mean of the lead samples, `"none"` nothing.
         highpass_hz: Cut-off frequency of a high-pass filter over the whole stream, 0 for none.
+        rate_hz: Samples per second, to which the sensor's readings are resampled; default: one sample per reading.
+        taxels: Taxels of the sensor's that taps consist of, in increasing order; default: all.
         retries: Number of repetitions of an implausible tap.
     """
 
@@ -219,6 +221,8 @@ class TapSettings(_RigTable, frozen=True):
     period_s: Seconds = 1.0
     tare: Literal["tap", "none"] = "tap"
     highpass_hz: Annotated[float, Meta(ge=0, le=100_000)] = 0.0
+    rate_hz: Annotated[float, Meta(ge=0.01, le=100_000)] | None = None
+    taxels: list[Annotated[int, Meta(ge=0, le=9999)]] | None = None
     retries: Annotated[int, Meta(ge=0, le=1000)] = 3
 
 
@@ -259,12 +263,14 @@ class RigFile(_RigTable, frozen=True):
         tap = self.tap
         return Preprocessing(
             samples=tap.samples,
-            rate_hz=self.sensor.rate_hz,
+            rate_hz=self.sensor.rate_hz if tap.rate_hz is None else tap.rate_hz,
             tare=tap.tare,
             tare_samples=tap.lead_samples if tap.tare == "tap" else 0,
             highpass_hz=tap.highpass_hz,
             trigger="press",
             pre_samples=tap.lead_samples,
+            sensor_hz=None if tap.rate_hz is None else self.sensor.rate_hz,
+            taxels=None if tap.taxels is None else tuple(tap.taxels),
         )
 
 
@@ -313,21 +319,31 @@ def _check(rig: RigFile) -> None:
         raise InputError(f"range: must be a whole number of cells, at least 1, got {cells:g}.")
     if not rig.tap.lead_samples < rig.tap.samples:
         raise InputError("tap.lead_samples: must be below samples, as a tap needs samples after the press.")
-    if rig.tap.samples / rig.sensor.rate_hz > rig.tap.period_s + _ROUNDING:
-        seconds = rig.tap.samples / rig.sensor.rate_hz
-        raise InputError(f"tap.period_s: {rig.tap.samples} samples take {seconds:g} s, longer than the period.")
+    _check_sensor(rig.sensor)
+    try:
+        record = rig.preprocessing
+    except InputError as error:
+        raise InputError(f"tap: {error}") from error
+    _check_taxels(rig)
+    rate_hz = record.rate_hz or rig.sensor.rate_hz
+    behind_s = record.frames_behind / rig.sensor.rate_hz
+    seconds = rig.tap.samples / rate_hz + behind_s
+    if seconds > rig.tap.period_s + _ROUNDING:
+        wait = f", with {behind_s:g} s for resampling" if behind_s else ""
+        raise InputError(f"tap.period_s: {rig.tap.samples} samples take {seconds:g} s{wait}, longer than the period.")
     pressed_s = 2 * (rig.tap.depth_mm - rig.tap.clear_mm) / (rig.tap.speed_mm_s or rig.stage.y.speed_mm_s)
-    read_s = (rig.tap.samples - rig.tap.lead_samples) / rig.sensor.rate_hz
+    read_s = (rig.tap.samples - rig.tap.lead_samples) / rate_hz
     if pressed_s > read_s + _PRESS_MARGIN_S:
         raise InputError(
             f"tap.samples: press and release take at least {pressed_s:.2f} s, longer than the {read_s:g} s of samples "
             f"after the press; take more samples, or raise the speed of the tap."
         )
-    _check_sensor(rig.sensor)
-    try:
-        _ = rig.preprocessing
-    except InputError as error:
-        raise InputError(f"tap: {error}") from error
+
+
+def _check_taxels(rig: RigFile) -> None:
+    K = rig.sensor.taxels
+    if rig.tap.taxels is not None and rig.tap.taxels[-1] >= K:
+        raise InputError(f"tap.taxels: the sensor has {K} taxels, counted from 0, got {rig.tap.taxels[-1]}.")
 
 
 def _check_sensor(sensor: IcubSettings | LineSettings) -> None:

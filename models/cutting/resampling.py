@@ -11,10 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from ..compiled import compiled
 from ..errors import InputError, check_numbers
-from .sampling_ratio import sampling_ratio
+from .sampling_ratio import HALF_WIDTH, frames_behind, sampling_ratio
 
-HALF_WIDTH = 10
-"""Samples of the slower rate on either side of a result that it depends on."""
 _ATTENUATION_DB = 65.0  # of the window; some is lost where the branches are scaled
 _AT_ONCE = 2**22  # numbers of cut taps that are resampled together
 
@@ -45,7 +43,7 @@ class Resampler:
     def __init__(self, sensor_hz: float, rate_hz: float) -> None:
         self.ratio = sampling_ratio(sensor_hz, rate_hz)
         self._branches = _branches(self.ratio)
-        self.delay = self._branches.shape[1] // 2
+        self.delay = frames_behind(self.ratio)
         self._first = np.empty(0)
         self._kept = np.empty((0, 0))
         self._kept_from = -self.delay
@@ -123,8 +121,7 @@ def _branches(ratio: Fraction) -> NDArray[np.float64]:
 
     up, down = ratio.as_integer_ratio()
     slower = max(up, down)
-    delay = math.ceil(HALF_WIDTH * slower / up)
-    half = HALF_WIDTH * slower
+    delay, half = frames_behind(ratio), HALF_WIDTH * slower
     kernel = np.zeros(2 * delay * up + up)
     middle = delay * up
     window: Any = ("kaiser", kaiser_beta(_ATTENUATION_DB))

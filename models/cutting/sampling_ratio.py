@@ -1,11 +1,14 @@
 """Ratio of two sampling rates in whole numbers."""
 
+import math
 from fractions import Fraction
 
 from ..errors import InputError
 
 MOST = 1000
 """Largest numerator and denominator of a ratio of rates."""
+HALF_WIDTH = 10
+"""Samples of the slower rate on either side of a resampled one that it depends on, see `resampling.Resampler`."""
 _SAME = 1e-9  # relative difference of ratios that are equal but for rounding
 
 
@@ -32,3 +35,8 @@ def sampling_ratio(sensor_hz: float, rate_hz: float) -> Fraction:
             f"to {MOST}; a measured rate may be rounded to the sensor's nominal one."
         )
     return ratio
+
+
+def frames_behind(ratio: Fraction) -> int:
+    """Frames after its own that a resampled one waits for, at so many results per frame."""
+    return math.ceil(HALF_WIDTH * max(ratio, Fraction(1)) / ratio)

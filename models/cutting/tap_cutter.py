@@ -60,6 +60,7 @@ class TapCutter:
             raise InputError("Cutting a stream into taps needs a clock, contact or press trigger.")
         self.preprocessing = preprocessing
         self.incomplete = self.overlapping = 0
+        self._ratio = preprocessing.ratio
         self._resampler = _resampler(preprocessing)
         self._filter = _highpass(preprocessing.highpass_hz, preprocessing.rate_hz)
         self._filter_state: NDArray[np.float64] | None = None
@@ -103,7 +104,7 @@ class TapCutter:
         record = self.preprocessing
         if record.trigger != "press":
             raise InputError(f"press() needs trigger='press', not {record.trigger!r}.")
-        first = self._arrived if self._resampler is None else math.ceil(self._arrived * self._resampler.ratio)
+        first = math.ceil(self._arrived * self._ratio)
         while self._begun and self._begun[-1].start + record.samples > first:
             self._begun.pop()
             self.incomplete += 1
@@ -211,8 +212,7 @@ class TapCutter:
 
     def _begin(self, start: int, trigger: int) -> None:
         """Notes the beginning of a tap that a sample triggered."""
-        ratio = 1 if self._resampler is None else self._resampler.ratio
-        self._begun.append(_Begin(start, math.floor(trigger / ratio)))
+        self._begun.append(_Begin(start, math.floor(trigger / self._ratio)))
 
 
 def _resampler(record: Preprocessing) -> "Resampler | None":

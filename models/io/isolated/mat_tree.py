@@ -17,6 +17,7 @@ from scipy.io.matlab import MatlabFunction, MatlabObject, MatlabOpaque, matfile_
 from scipy.sparse import issparse
 
 _DEEPEST = 48
+_NAME, _CLASS = ("s0",), ("_Class", "s2")  # of an object, as SciPy from 1.18 on and before calls them
 
 
 def _complex_places(content: Any, prefix: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
@@ -67,13 +68,19 @@ def _refused(value: Any) -> str:
     if isinstance(value, MatlabObject):
         return value.classname or "object"
     if isinstance(value, MatlabOpaque):
-        kind = value.reshape(-1)[0]["s2"]
-        return kind.decode("utf-8", "replace") if isinstance(kind, bytes) else str(kind)
+        return _of_object(value, _CLASS)
     return "function_handle" if isinstance(value, MatlabFunction) else "sparse" if issparse(value) else ""
 
 
 def _by_column(values: NDArray[Any]) -> list[Any]:
     return values.reshape(-1, order="F").tolist() if values.dtype != object else list(values.reshape(-1, order="F"))
+
+
+def _of_object(value: Any, names: Collection[str]) -> str:
+    """What SciPy says of an object in a field of one of these names, empty if there is none."""
+    found = [name for name in names if isinstance(value, MatlabOpaque) and name in (value.dtype.names or ())]
+    told = value.reshape(-1)[0][found[0]] if found else ""
+    return told.decode("utf-8", "replace") if isinstance(told, bytes) else str(told)
 
 
 def read(path: str, folder: str) -> None:
@@ -95,8 +102,5 @@ def read(path: str, folder: str) -> None:
         tree = {}
         for name in [name for name in content if not name.startswith("__")]:
             value = content.pop(name)
-            own = value.reshape(-1)[0]["s0"] if isinstance(value, MatlabOpaque) else name
-            tree[own.decode("utf-8", "replace") if isinstance(own, bytes) else str(own)] = _described(
-                value, file, unreal, (name,)
-            )
+            tree[_of_object(value, _NAME) or name] = _described(value, file, unreal, (name,))
     Path(folder, "tree.json").write_text(json.dumps(tree), encoding="utf-8")

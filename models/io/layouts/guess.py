@@ -78,14 +78,14 @@ def _field(values: Sequence[str], before: str, taken: set[str], files: int) -> t
     units = {each[1] for each in numbers if each is not None}
     wanted: list[tuple[str, str]] = []
     if re.search(_WORDS["session"], hint, re.IGNORECASE) or all(_DATE.search(value) for value in distinct):
-        wanted.append(("session", f"{shown} in the names"))
+        wanted.append(("session", shown))
     if all(each is not None for each in numbers):
         if units & {"mm", "cm", "deg", "um", "µm", "m"} or re.search(_WORDS["where"], before, re.IGNORECASE):
-            wanted.append(("where", f"numbers such as {shown} in the names"))
-        wanted.append(("trial", f"numbers {shown} in the names"))
+            wanted.append(("where", f"numbers such as {shown}"))
+        wanted.append(("trial", f"numbers {shown}"))
         if len(distinct) < files:
-            wanted.insert(len(wanted) - 1, ("where", f"few numbers in the names, {shown}"))
-    wanted.append(("what", f"{shown} in the names"))
+            wanted.insert(len(wanted) - 1, ("where", f"few numbers, {shown}"))
+    wanted.append(("what", shown))
     return next(((key, reason) for key, reason in wanted if key not in taken), ("", ""))
 
 

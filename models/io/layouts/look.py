@@ -154,13 +154,13 @@ def _map(sources: Sequence[str | Path], how: TapMap, guesses: Sequence[Guess]) -
     """The map, and what it gives."""
     given = {name: value for name in how.__struct_fields__ if (value := getattr(how, name)) != getattr(TapMap(), name)}
     chosen = [guess for guess in guesses if guess.key not in given]
-    fields = {guess.key for guess in chosen if isinstance(guess.value, str) and guess.value.startswith("{")}
+    fields = {guess.key for guess in chosen if guess.value == f"{{{guess.key}}}"}
     values = {guess.key: guess.value for guess in chosen if guess.key not in fields}
     for name, value in given.items():
         yield f"{name} = {_toml(value)}"
     for guess in chosen:
         if guess.key in fields:
-            yield f"# {guess.key}: {guess.value} of the names of files ({guess.reason})"
+            yield f"# {guess.key}: {guess.value} in the names of files, {guess.reason}"
         else:
             yield f"{guess.key} = {_toml(guess.value)}  # {guess.reason}"
     try:
@@ -170,10 +170,10 @@ def _map(sources: Sequence[str | Path], how: TapMap, guesses: Sequence[Guess]) -
         kind = "frames of streams: cut them with trigger" if recording.is_stream else "taps"
         shape = recording.samples.shape
         size = f"{shape[1]} samples x {shape[2]} taxels" if len(shape) == 3 else f"{shape[1]} taxels"  # noqa: PLR2004
-        yield (
-            f"# With this map: {shape[0]} {kind}, {size}, {len(labels.what_name)} objects, "
-            f"{len(np.unique(labels.where))} positions, {len(np.unique(labels.session))} sessions."
-        )
+        counts = {"object": len(labels.what_name), "position": len(np.unique(labels.where))}
+        counts["session"] = len(np.unique(labels.session))
+        named = ", ".join(f"{n} {name}{'s' * (n != 1)}" for name, n in counts.items())
+        yield f"# With this map: {shape[0]} {kind}, {size}, {named}."
     except InputError as error:
         yield f"# With this map: {printable(str(error))}"
 

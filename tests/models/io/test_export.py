@@ -288,3 +288,37 @@ def test_the_high_pass_is_what_the_document_says(rng):
 
     (tap,) = TapCutter(record).push(frames)
     np.testing.assert_allclose(prepared, tap.samples, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(("sensor_hz", "rate_hz", "up", "down"), [(100.0, 30.0, 3, 10), (20.0, 50.0, 5, 2)])
+def test_resampling_is_what_the_document_says(rng, sensor_hz, rate_hz, up, down):
+    """Kernel, weights and start of docs/how-to/exported-models.md, and which taxels are used."""
+    record = Preprocessing(samples=30, rate_hz=rate_hz, sensor_hz=sensor_hz, taxels=(0, 2), trigger="clock")
+    frames = rng.normal(size=(240, 3)).cumsum(axis=0) + 100
+    slower = max(up, down)
+    width = -(-10 * slower // up)
+
+    def kernel(i):
+        if abs(i) > 10 * slower:
+            return 0.0
+        sinc = np.pi / slower if i == 0 else np.sin(np.pi * i / slower) / i
+        return sinc * np.i0(0.1102 * (65 - 8.7) * np.sqrt(1 - (i / (10 * slower)) ** 2))
+
+    x = frames[:, [0, 2]]
+    results = []
+    for m in range(30):
+        around = range(m * down // up - width, m * down // up + width + 1)
+        weights = np.array([kernel(m * down - n * up) for n in around])
+        differs = np.array([x[max(n, 0)] - x[0] for n in around])
+        results.append(x[0] + weights @ differs / weights.sum())
+
+    np.testing.assert_allclose(TapCutter(record).push(frames)[0].samples, results, rtol=0, atol=1e-9)
+
+
+def test_chosen_taxels_and_the_sensors_rate_are_exported(tmp_path, make_model):
+    model = make_model()
+    record = replace(model.preprocessing, rate_hz=50.0, sensor_hz=1000.0, taxels=(1, 4))
+    save_exported(replace(model, preprocessing=record), tmp_path / "robot.json", DECISIONS)
+
+    assert load_exported(tmp_path / "robot.json").preprocessing == record
+    assert not {"sensor_hz", "taxels"} & set(exported(model, DECISIONS, "a")["preprocessing"])

@@ -14,7 +14,7 @@ from ...untrusted import check_size
 from . import objects
 from .columns import Part, gathered
 from .contents import Contents, TextTable, Values
-from .text_lines import BLOCK, Block, Lines
+from .text_lines import BLOCK, Lines, TextBlock
 
 _IN_MEMORY = 12  # times the size of a document that its objects take
 _DOCUMENT = ".json"
@@ -46,7 +46,7 @@ class JsonLines(Contents):
     def __init__(self, path: Path, size: int = BLOCK) -> None:
         self.path, self.unreadable, self.attributes = path, {}, {}
         self._lines = Lines(path, 0, "", size)
-        first = next(iter(Lines(path, 0, "")), Block(1, b""))
+        first = next(iter(Lines(path, 0, "")), TextBlock(1, b""))
         self.variables, self._paths = objects.fields(_rows(first))
         if not self.variables:
             raise InputError("there are no objects with keys.")
@@ -114,14 +114,14 @@ def _asked(
 
 def _has_lines(path: Path) -> bool:
     """Whether the first line is an object and not all of the file."""
-    lines = [line for line in next(iter(Lines(path, 0, "")), Block(1, b"")).content.split(b"\n") if line.strip()]
+    lines = [line for line in next(iter(Lines(path, 0, "")), TextBlock(1, b"")).content.split(b"\n") if line.strip()]
     try:
         return len(lines) > 1 and isinstance(msgspec.json.decode(lines[0]), dict)
     except (msgspec.DecodeError, RecursionError):
         return False
 
 
-def _rows(block: Block) -> list[Any]:
+def _rows(block: TextBlock) -> list[Any]:
     """Objects of some lines.
 
     Raises:
@@ -157,7 +157,7 @@ def decoded(content: bytes, where: Callable[[], str]) -> Any:
         raise InputError(f"{where()}not JSON: {str(error)[:_SHOWN]}.") from error
 
 
-def _line(block: Block, row: int) -> str:
+def _line(block: TextBlock, row: int) -> str:
     """Line of a row of a block."""
     lines = (number for number, line in enumerate(block.content.split(b"\n"), block.line) if line.strip())
     return f"line {next(islice(lines, row, None))}"

@@ -11,10 +11,23 @@ from numpy.typing import NDArray
 from .... import storage
 from ....errors import InputError
 from .hdf5_nodes import OTHER_FILE, inside, is_elsewhere
-from .matlab_tree import DEEPEST, MOST_NODES, CellArray, Leaf, Node, Size, StructArray, Unreadable, Workspace, way_out
+from .matlab_tree import (
+    BYTES_PER_NODE,
+    DEEPEST,
+    MOST_NODES,
+    CellArray,
+    Leaf,
+    Node,
+    Size,
+    StructArray,
+    Unreadable,
+    Workspace,
+    way_out,
+)
 from .named_arrays import TEXT, in_blocks
 
 _MOST_AXES = 32
+_TOO_MANY = "holds more elements of cells and structs than a file of its size can, so it is damaged."
 _NUMBERS = {
     "double": np.float64,
     "canonical empty": np.float64,
@@ -41,7 +54,7 @@ class _Walk:
     """Goes through a file, as far as it is not endless."""
 
     def __init__(self, file: Any) -> None:
-        self.file, self.left = file, MOST_NODES
+        self.file, self.left = file, MOST_NODES + file.id.get_filesize() // BYTES_PER_NODE
 
     def node(self, at: Any, depth: int) -> Node:
         """What is at a path or a reference."""
@@ -49,7 +62,7 @@ class _Walk:
 
         self.left -= 1
         if self.left < 0:
-            raise InputError(f"more than {MOST_NODES:,} elements of cells and structs are not read.")
+            raise InputError(_TOO_MANY)
         if depth > DEEPEST:
             return Unreadable(f"it has more than {DEEPEST} structs or cells inside each other")
         found = self.file[at] if at else None
@@ -78,7 +91,7 @@ class _Walk:
 
     def _elements(self, array: Any, depth: int) -> list[Node]:
         if array.size > self.left:
-            raise InputError(f"more than {MOST_NODES:,} elements of cells and structs are not read.")
+            raise InputError(_TOO_MANY)
         return [self.node(reference, depth + 1) for reference in array[()].reshape(-1)]
 
     def _array(self, array: Any, at: Any, depth: int) -> Node:
@@ -87,7 +100,7 @@ class _Walk:
             return Unreadable(OTHER_FILE)
         if "MATLAB_object_decode" in array.attrs:
             return Unreadable(way_out(kind))
-        if kind == "cell" or _is_element_list(array):
+        if kind == "cell" or (kind == "" and _is_element_list(array)):
             return CellArray(_size(array), [] if _is_empty(array) else self._elements(array, depth))
         if kind == "struct":
             return StructArray(_size(array), {name: [] for name in _field_names(array)})
@@ -110,12 +123,14 @@ def _leaf(array: Any, at: Any, kind: str) -> Node:
 
 
 def _is_empty(array: Any) -> bool:
-    return bool(array.attrs.get("MATLAB_empty", 0))
+    return "MATLAB_empty" in array.attrs and bool(array.attrs["MATLAB_empty"])
 
 
 def class_of(node: Any) -> str:
     """Class of a variable in MATLAB."""
-    kind = node.attrs.get("MATLAB_class", b"")
+    if "MATLAB_class" not in node.attrs:
+        return ""
+    kind = node.attrs["MATLAB_class"]
     return kind.decode("utf-8", "replace") if isinstance(kind, bytes) else str(kind)
 
 

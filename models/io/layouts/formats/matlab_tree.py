@@ -21,8 +21,10 @@ from .named_arrays import COMPLEX, TEXT, Stored
 type Size = tuple[int, ...]
 """Of an array in MATLAB, of at least two axes."""
 
-MOST_NODES = 1_000_000
+MOST_NODES, BYTES_PER_NODE = 20_000, 64
+"""Elements of cells and structs that a file may hold, and bytes of a larger one for each further element."""
 DEEPEST = 24
+"""Structs and cells inside each other."""
 _WAYS_OUT = {
     "sparse": "it is a sparse matrix; save full(x)",
     "string": "it is a string; save cellstr(x) or char(x)",

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, override
 
 import numpy as np
-from mcap.records import Channel, Message, Metadata, Schema
+from mcap.records import Channel, Message, Metadata, Schema, Statistics
 from numpy.typing import NDArray
 
 from ....errors import InputError
@@ -21,7 +21,7 @@ _NANOSECONDS = 1e9
 _TIMES = ("log_time", "publish_time")
 
 
-class _Place(NamedTuple):
+class _Field(NamedTuple):
     """Where a variable is: its topic, and its path in a row, which holds the message under an empty name."""
 
     topic: str
@@ -45,8 +45,8 @@ class McapContents(Contents):
 
     def __init__(self, path: Path) -> None:
         self.path, self.unreadable = path, {}
-        self.variables: dict[str, Variable] = {}
-        self._places: dict[str, _Place] = {}
+        self.variables = found = {}
+        self._places: dict[str, _Field] = {}
         first: dict[str, list[Any]] = {}
         lengths: dict[str, int] = {}
         messages = _Messages(path)
@@ -59,22 +59,24 @@ class McapContents(Contents):
                     self.unreadable[topic] = str(error).rstrip(".")
         for topic, rows in first.items():
             if topic not in self.unreadable:
-                self._add(topic, rows, lengths[topic])
+                self._add(found, topic, rows, lengths[topic])
         self.attributes = messages.attributes
+        if messages.lost > 0:
+            self.unreadable[f"{messages.lost} messages"] = "the summary of the file counts them, but they are damaged"
         if messages.lost_bytes:
             self.unreadable["the end of the file"] = f"its last {messages.lost_bytes} bytes are damaged"
         if not self.variables:
             why = "".join(f"; {name}: {reason}" for name, reason in self.unreadable.items())
             raise InputError(f"there are no messages that can be read{why}.")
 
-    def _add(self, topic: str, rows: list[Any], length: int) -> None:
+    def _add(self, into: dict[str, Variable], topic: str, rows: list[Any], length: int) -> None:
         found, paths = objects.fields(rows, length)
         for field, path in paths.items():
             name = f"{topic}/{field.removeprefix('.')}"
-            if name not in self.variables:
+            if name not in into:
                 time = path[0] in _TIMES
-                self.variables[name] = Variable((length,), found[field].dtype, "s") if time else found[field]
-                self._places[name] = _Place(topic, path)
+                into[name] = Variable((length,), found[field].dtype, "s") if time else found[field]
+                self._places[name] = _Field(topic, path)
 
     @override
     def read(self, names: Sequence[str], columns: Sequence[str] = ()) -> tuple[dict[str, Values], NDArray[Any] | None]:
@@ -107,6 +109,7 @@ class _Messages:
     Attributes:
         attributes: Once read: metadata of the file.
         lost_bytes: Once read: number of damaged bytes at its end.
+        lost: Once read: number of messages that the summary of the file counts, but that are not there.
     """
 
     def __init__(self, path: Path) -> None:
@@ -115,7 +118,7 @@ class _Messages:
         except InputError as error:
             raise InputError(str(error).removeprefix(f"{path}: ")) from error
         self.attributes: dict[str, str | float] = {}
-        self.lost_bytes = 0
+        self.lost_bytes = self.lost = 0
 
     def __iter__(self) -> Iterator[tuple[str, Message, Callable[[Message], object]]]:
         schemas: dict[int, Schema] = {}
@@ -127,7 +130,10 @@ class _Messages:
                 channels[record.id] = record.topic, _decoder(record, schemas.get(record.schema_id))
             elif isinstance(record, Metadata):
                 self.attributes |= {f"{record.name}.{key}": value for key, value in record.metadata.items()}
+            elif isinstance(record, Statistics):
+                self.lost += record.message_count
             elif isinstance(record, Message) and record.channel_id in channels:
+                self.lost -= 1
                 topic, decode = channels[record.channel_id]
                 yield topic, record, decode
         self.lost_bytes = self._file.lost_bytes

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from ....errors import InputError
 from .columns import Part, gathered
 from .contents import Contents, TextTable, Values, Variable, name_and_unit
-from .text_header import MISSING, Layout, layout_of
-from .text_lines import BLOCK, Block, Lines, rows, whole_rows
+from .text_header import MISSING, TextLayout, layout_of
+from .text_lines import BLOCK, Lines, TextBlock, rows, whole_rows
 
 _END, _TAB, _QUOTE = b'\n\t"'
 _SHOWN = 40
@@ -72,7 +72,7 @@ class TextContents(Contents):
             row -= length
         raise IndexError(row)
 
-    def _blocks(self) -> Iterable[Block]:
+    def _blocks(self) -> Iterable[TextBlock]:
         return whole_rows(self._lines, self._layout.delimiter)
 
     def _places(self, names: Iterable[str]) -> list[int]:
@@ -84,7 +84,7 @@ class TextContents(Contents):
         return [header.index(name) for name in full]
 
 
-def _quickly(block: Block, layout: Layout, texts: list[int], numbers: list[int]) -> Part | None:
+def _quickly(block: TextBlock, layout: TextLayout, texts: list[int], numbers: list[int]) -> Part | None:
     """Rows as pandas reads them; `None` where it may read something else, or a cell is not a number."""
     import pandas as pd  # noqa: PLC0415
 
@@ -99,7 +99,7 @@ def _quickly(block: Block, layout: Layout, texts: list[int], numbers: list[int])
         frame = pd.read_csv(
             BytesIO(block.content), header=None, names=width, usecols=used, dtype=kinds, index_col=False, **how
         )
-    except ValueError:
+    except (ValueError, IndexError):
         return None
     if len(frame) != length:
         return None
@@ -107,7 +107,7 @@ def _quickly(block: Block, layout: Layout, texts: list[int], numbers: list[int])
     return Part(words, frame[numbers].to_numpy(np.float64))
 
 
-def _length(content: bytes, layout: Layout) -> int | None:
+def _length(content: bytes, layout: TextLayout) -> int | None:
     """Number of rows that surely are whole; `None` where that takes a closer look."""
     signs = np.frombuffer(content, np.uint8)
     ends, delimiters, width = signs == _END, signs == ord(layout.delimiter), len(layout.names)
@@ -115,6 +115,8 @@ def _length(content: bytes, layout: Layout) -> int | None:
         blank = delimiters | (signs == _TAB) | ends
         delimiters = ~blank & np.concatenate(([True], blank[:-1]))  # where cells begin
         width += 1
+        if b'"' in content:
+            return None
     elif layout.delimiter == "\t" and b" \t" in content:  # pandas would take both for blanks
         return None
     if b'"' in content:
@@ -126,17 +128,19 @@ def _length(content: bytes, layout: Layout) -> int | None:
             return None
         inside = np.add.accumulate(signs == _QUOTE, dtype=np.uint8) % 2 == 1
         ends &= ~inside
-        delimiters &= ~inside | (layout.delimiter == " ")
+        delimiters &= ~inside
     end = np.flatnonzero(ends)
     found = np.diff(np.searchsorted(np.flatnonzero(delimiters), end), prepend=0)
-    spared = (found == width) & delimiters[end - 1] & (layout.delimiter != " ")
-    odd = np.flatnonzero((found != width - 1) & ~spared)
+    whole = found == width - 1
+    if layout.delimiter != " ":
+        whole |= (found == width) & delimiters[end - 1]  # with one at the end of the row
+    odd = np.flatnonzero(~whole)
     if len(odd) > _MOST_ODD or any(content[end[i - 1] + 1 if i else 0 : end[i]].strip() for i in odd):
         return None
     return len(end) - len(odd)
 
 
-def _exactly(block: Block, layout: Layout, texts: list[int], numbers: list[int]) -> Part:
+def _exactly(block: TextBlock, layout: TextLayout, texts: list[int], numbers: list[int]) -> Part:
     """Rows cell by cell.
 
     Raises:
@@ -154,7 +158,7 @@ def _exactly(block: Block, layout: Layout, texts: list[int], numbers: list[int])
     return Part([np.array([row[j] for row in words], np.str_) for j in range(len(texts))], table)
 
 
-def _not_a_number(line: int, cells: Sequence[str], layout: Layout, numbers: Sequence[int]) -> InputError:
+def _not_a_number(line: int, cells: Sequence[str], layout: TextLayout, numbers: Sequence[int]) -> InputError:
     bad = next(i for i in numbers if not layout.is_number(cells[i]))
     where = f"line {line}, column {layout.names[bad]}: {cells[bad][:_SHOWN]!r} is not a number"
     other = "," if layout.decimal == "." else "."

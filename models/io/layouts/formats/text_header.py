@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import islice
 
@@ -10,7 +9,7 @@ import numpy as np
 
 from ....errors import InputError
 from .contents import TextTable
-from .text_lines import DELIMITERS, Block, Lines, OpenQuote, rows
+from .text_lines import DELIMITERS, Lines, OpenQuote, TextBlock, rows
 
 _FIRST = 30  # rows that are looked at
 MISSING = ("", "NA", "N/A", "n/a", "NaN", "nan", "null", "None")
@@ -19,7 +18,7 @@ type Rows = list[tuple[int, list[str]]]
 
 
 @dataclass(frozen=True)
-class Layout:
+class TextLayout:
     """Of a table of text.
 
     Attributes:
@@ -72,7 +71,7 @@ class Layout:
             raise InputError(f"line {line}: {found}, but there are {width} columns, split at {_name(self.delimiter)}.")
 
 
-def layout_of(lines: Lines, how: TextTable) -> Layout:
+def layout_of(lines: Lines, how: TextTable) -> TextLayout:
     """How a table is split, where that is not given, and the names of its columns.
 
     Raises:
@@ -86,8 +85,14 @@ def layout_of(lines: Lines, how: TextTable) -> Layout:
         first = first._replace(content=_OLD_COMMENT.sub(rb"\1", first.content))
     if how.delimiter:
         delimiter = DELIMITERS.get(how.delimiter, how.delimiter)
-        return _layout(_first_rows(first, delimiter), delimiter, how)
-    return _found(first, how)
+        found = _layout(_first_rows(first, delimiter), delimiter, how)
+    else:
+        found = _found(first, how)
+    if how.header and all(found.is_number(name) for name in found.names):
+        raise InputError(
+            "numbers stand where the header should be; without a header, set header to false (--no-header)."
+        )
+    return found
 
 
 def _check(how: TextTable) -> None:
@@ -100,36 +105,35 @@ def _check(how: TextTable) -> None:
         raise InputError(f"delimiter (--delimiter) and decimal mark (--decimal) are both {how.decimal!r}.")
 
 
-def _first_rows(first: Block, delimiter: str) -> Rows:
+def _first_rows(first: TextBlock, delimiter: str) -> Rows:
     """Up to 30 rows, without a last one whose quoted cell goes on in the next block."""
     found: Rows = []
-    with suppress(OpenQuote):
+    try:
         found.extend(islice(rows(first, delimiter), _FIRST + 1))
+    except OpenQuote:
+        if len(found) <= 1:
+            raise
     return found
 
 
-def _found(first: Block, how: TextTable) -> Layout:
+def _found(first: TextBlock, how: TextTable) -> TextLayout:
     """Layout with the one delimiter that splits all first rows alike."""
     fits, whys, single = {}, [], True
     for name, delimiter in DELIMITERS.items():
         if delimiter == how.decimal:
             continue
+        table: Rows = []
         try:
             table = _first_rows(first, delimiter)
-        except InputError as error:
-            single = False
-            whys.append(str(error))
-            continue
-        single &= all(len(cells) == 1 for _, cells in table[name == "blank" and how.header :])
-        layout = _layout(table, delimiter, how)
-        try:
+            layout = _layout(table, delimiter, how)
             for line, cells in table:
                 layout.check_width(line, cells)
         except InputError as error:
             whys.append(str(error))
-            continue
-        if len(layout.names) > 1:
-            fits[name] = layout
+        else:
+            if len(table[0][1]) > 1:
+                fits[name] = layout
+        single &= all(len(cells) == 1 for _, cells in table[name == "blank" and how.header :]) and len(table) > 0
     if len(fits) > 1:
         fits.pop("blank", None)
     if len(fits) == 1:
@@ -139,6 +143,8 @@ def _found(first: Block, how: TextTable) -> Layout:
     if single:
         delimiter = ";" if how.decimal == "," else ","
         return _layout(_first_rows(first, delimiter), delimiter, how)
+    if len(set(whys)) == 1 < len(whys):
+        raise InputError(whys[0])
     raise InputError(
         "none of , ; tab | blank splits the first rows into as many cells as the header; give --delimiter, or "
         f"--skip-rows or --comment for lines before it ({max(whys, key=_line, default='')[:-1]})."
@@ -151,10 +157,10 @@ def _line(why: str) -> int:
     return int(found[1]) if found else 0
 
 
-def _layout(table: Rows, delimiter: str, how: TextTable) -> Layout:
+def _layout(table: Rows, delimiter: str, how: TextTable) -> TextLayout:
     if len(table) <= how.header:
         raise InputError("there are no rows below the header." if table else "there are no rows.")
-    (line, header), below = table[0], table[how.header :]
+    header, below = table[0][1], table[how.header :]
     width = len(header)
     if how.header:
         while width > 1 and not header[width - 1]:
@@ -163,11 +169,7 @@ def _layout(table: Rows, delimiter: str, how: TextTable) -> Layout:
         width -= 1
     names = tuple((header[i] if how.header else "") or str(i) for i in range(width))
     spare = 0 if delimiter == " " else max(1, len(header) - width)
-    layout = Layout(delimiter, how.decimal, names, spare, below[0][0], ())
-    if how.header and all(cell and layout.is_number(cell) for cell in header[:width]):
-        raise InputError(
-            f"line {line}: numbers stand where the header should be; without one, set header to false (--no-header)."
-        )
+    layout = TextLayout(delimiter, how.decimal, names, spare, below[0][0], ())
     numeric = (all(layout.is_number(cell) for _, cells in below for cell in cells[i : i + 1]) for i in range(width))
     return replace(layout, numeric=tuple(numeric))
 

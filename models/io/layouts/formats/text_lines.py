@@ -20,7 +20,7 @@ _QUOTED = rb'"[^"]*"'
 _MARKS = {b"\xff\xfe": "utf-16-le", b"\xfe\xff": "utf-16-be", b"\xef\xbb\xbf": "utf-8"}
 
 
-class Block(NamedTuple):
+class TextBlock(NamedTuple):
     """Some whole lines of a file.
 
     Attributes:
@@ -63,23 +63,26 @@ class Lines:
         if b"\0" in begin and not self._encoding.startswith("utf-16"):
             raise InputError("not a text table: it holds zero bytes; UTF-16 needs a byte order mark.")
 
-    def __iter__(self) -> Iterator[Block]:
+    def __iter__(self) -> Iterator[TextBlock]:
         """Blocks of whole lines; one that ends within a quoted cell may be split there."""
         line, rest = 1, b""
         with self._opened() as file:
             file.seek(self._begin)
             while read := file.read(self.size):
                 content = rest + self._utf8(read, file, line)
+                if len(read) < self.size:  # the end of the file
+                    rest = content
+                    break
                 end = max(content.rfind(b"\n"), content.rfind(b"\r", 0, -1)) + 1
                 content, rest = content[:end], content[end:]
                 if len(rest) > _LONGEST * BLOCK:
                     raise InputError(f"line {line}: longer than {_LONGEST * BLOCK >> 20} MiB; not a text table.")
                 if content:
-                    block = Block(line, _line_feeds(content))
+                    block = TextBlock(line, _line_feeds(content))
                     yield from self._kept(block)
                     line += block.content.count(b"\n")
         if rest:
-            yield from self._kept(Block(line, _line_feeds(rest).removesuffix(b"\n") + b"\n"))
+            yield from self._kept(TextBlock(line, _line_feeds(rest).removesuffix(b"\n") + b"\n"))
 
     def _opened(self) -> IO[bytes]:
         try:
@@ -103,7 +106,7 @@ class Lines:
                 read += more
         raise InputError(f"line {line}: not text.")
 
-    def _kept(self, block: Block) -> Iterator[Block]:
+    def _kept(self, block: TextBlock) -> Iterator[TextBlock]:
         """A block without comments, and without the lines that are skipped."""
         skipped = max(0, self.skip - block.line + 1)
         line, content = block
@@ -113,7 +116,7 @@ class Lines:
         if self._comment and self._mark in content:
             content = self._comment.sub(rb"\1", content)
         if content:
-            yield Block(line, content)
+            yield TextBlock(line, content)
 
 
 def _is_utf8(begin: bytes) -> bool:
@@ -133,20 +136,20 @@ class OpenQuote(InputError):
     """A quoted cell does not end."""
 
 
-def whole_rows(blocks: Iterable[Block], delimiter: str) -> Iterator[Block]:
+def whole_rows(blocks: Iterable[TextBlock], delimiter: str) -> Iterator[TextBlock]:
     """Blocks of whole rows: where a quoted cell goes on, with the next lines."""
-    held = Block(0, b"")
+    held = TextBlock(0, b"")
     for block in blocks:
-        held = Block(held.line, held.content + block.content) if held.content else block
+        held = TextBlock(held.line, held.content + block.content) if held.content else block
         if held.content.count(b'"') % 2 and len(held.content) < _MOST_BLOCKS * BLOCK and _open(held, delimiter):
             continue
         yield held
-        held = Block(0, b"")
+        held = TextBlock(0, b"")
     if held.content:
         yield held
 
 
-def _open(block: Block, delimiter: str) -> bool:
+def _open(block: TextBlock, delimiter: str) -> bool:
     try:
         deque(rows(block, delimiter), 0)
     except OpenQuote:
@@ -156,7 +159,7 @@ def _open(block: Block, delimiter: str) -> bool:
     return False
 
 
-def rows(block: Block, delimiter: str) -> Iterator[tuple[int, list[str]]]:
+def rows(block: TextBlock, delimiter: str) -> Iterator[tuple[int, list[str]]]:
     """Line and cells of each row but empty ones, without blanks around cells.
 
     Args:

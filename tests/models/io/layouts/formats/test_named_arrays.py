@@ -73,7 +73,7 @@ ARRAYS = st.dictionaries(
 
 @pytest.mark.parametrize(("name", "write", "open_file"), FORMATS.values(), ids=FORMATS)
 @given(arrays=ARRAYS, data=st.data())
-@settings(max_examples=30)
+@settings(max_examples=15)
 def test_arrays_come_through(name, write, open_file, arrays, data):
     order = data.draw(st.lists(st.sampled_from(sorted(arrays)), unique=True))
     with TemporaryDirectory() as folder:
@@ -182,7 +182,7 @@ SOME = {"x": np.arange(24.0).reshape(2, 3, 4), "n": np.arange(5, dtype="i4"), "t
 
 @pytest.mark.parametrize("kind", DAMAGED)
 @given(data=st.data())
-@settings(max_examples=80)
+@settings(max_examples=25)
 def test_damaged_bytes_end_in_a_sentence(kind, data):
     """Or in values, where nothing tells that they were others."""
     name, write, open_file = DAMAGED[kind]

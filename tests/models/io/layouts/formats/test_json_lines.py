@@ -1,0 +1,140 @@
+"""Rows as JSON, in lines and in documents."""
+
+import json
+import re
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from solidtouch.models.errors import InputError
+from solidtouch.models.io.layouts.formats.contents import TextTable
+from solidtouch.models.io.layouts.formats.json_lines import JsonLines, open_json
+
+
+def opened(folder, content, name="t.jsonl"):
+    path = folder / name
+    path.write_text(content)
+    return open_json(path, TextTable())
+
+
+def test_keys_are_columns_and_lists_are_elements(tmp_path):
+    """Nested objects are joined by dots, and so are objects in lists."""
+    rows = [
+        {
+            "a": 1,
+            "b": {"c": 2.5, "d": "x"},
+            "v": [1, 2],
+            "p": [{"x": 1}, {"x": 2}],
+            "m": [[1, 2], [3, None]],
+            "w": ["u"],
+        },
+        {
+            "a": None,
+            "b": {"c": 3, "d": "y"},
+            "v": [3, 4],
+            "p": [{"x": 3}],
+            "m": [[5, 6], [7, 8]],
+            "w": ["v"],
+            "late": 5,
+        },
+    ]
+    contents = opened(tmp_path, "\n\n".join(map(json.dumps, rows)))
+    found, numbers = contents.read(["b.d", "v", "p.x", "m", "w"], ["b.c", "a", "late"])
+
+    assert list(contents.variables) == ["a", "b.c", "b.d", "v", "p.x", "m", "w", "late"]
+    assert [contents.variables[name].shape for name in ("a", "v", "p.x")] == [(None,), (None, 2), (None, None)]
+    assert found["b.d"].tolist() == ["x", "y"]
+    assert found["v"].tolist() == [[1, 2], [3, 4]]
+    assert [each.tolist() for each in found["p.x"]] == [[1, 2], [3]]
+    np.testing.assert_array_equal(found["m"], [[[1, 2], [3, np.nan]], [[5, 6], [7, 8]]])
+    assert found["w"].tolist() == [["u"], ["v"]]
+    np.testing.assert_array_equal(numbers, [[2.5, 1, np.nan], [3, np.nan, 5]])
+    assert contents.place(1) == "line 3"
+
+
+@pytest.mark.parametrize(
+    "content",
+    ['[{"a":1,"b":"x"},{"a":2,"b":"y"}]', '{"a":[1,2],"b":["x","y"],"rate":10}', '{"a":1,"b":"x"}\n{"a":2,"b":"y"}'],
+)
+def test_a_document_is_a_list_of_objects_an_object_of_lists_or_lines(tmp_path, content):
+    contents = opened(tmp_path, content, "t.json")
+    found, numbers = contents.read(["b"], ["a"])
+
+    assert found["b"].tolist() == ["x", "y"]
+    assert numbers.tolist() == [[1], [2]]
+    assert contents.attributes == ({"rate": 10} if "rate" in content else {})
+
+
+ROWS = st.lists(
+    st.fixed_dictionaries(
+        {
+            "n": st.floats() | st.integers(-(2**50), 2**50),
+            "t": st.text(max_size=5),
+            "l": st.lists(st.floats(), max_size=3),
+        }
+    ),
+    min_size=1,
+    max_size=8,
+)
+
+
+@given(ROWS, st.integers(1, 100))
+def test_rows_are_read_back_as_they_were_written(tmp_path_factory, rows, size):
+    """In blocks of any size; also the NaN that Python writes."""
+    path = tmp_path_factory.mktemp("t") / "t.jsonl"
+    path.write_text("\n".join(map(json.dumps, rows)))
+    for contents in (open_json(path, TextTable()), JsonLines(path, size)):
+        found, numbers = contents.read(["t", "l"], ["n"])
+
+        np.testing.assert_array_equal(numbers[:, 0], [row["n"] for row in rows])
+        assert [text.rstrip("\0") for text in found["t"]] == [row["t"].rstrip("\0") for row in rows]
+        for read, row in zip(found["l"], rows, strict=True):
+            np.testing.assert_array_equal(read, row["l"])
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("", "no objects with keys"),
+        ('{"a":1}\n\n{"a":2\n', "line 3: not JSON: Expecting"),
+        ('{"a":1}\n[3]\n', "line 2: not an object with keys"),
+        ('{"a":"u"}\n{"b":1}\n', "line 2, a: missing"),
+        ('{"a":[1]}\n{}\n', "line 2, a: missing"),
+        ('{"a":[[1,2],[3]]}\n', "line 1, a: its inner lists differ in length"),
+        ('{"a":[1]}\n{"a":1}\n', "line 2, a: 1 is not a list, as others are"),
+        ('{"a":"u"}\n{"a":1}\n', "line 2, a: 1 is not a text, as others are"),
+        ('{"a":["u",1]}\n', "line 1, a: 'u' is not a number"),
+        ("[" * 100_000, "line 1: not JSON"),
+    ],
+)
+def test_what_is_wrong_is_said_with_its_line(tmp_path, content, message):
+    with pytest.raises(InputError, match=re.escape(message)):
+        opened(tmp_path, content).read(["a"])
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ('{"a":[1,2],"b":[1]}', "the list a has 2 items, but b has 1"),
+        ("3", "neither a list of objects nor an object of lists"),
+        ('[{"a":1},\n{"a":}]', "line 2: not JSON: Expecting value at character 6"),
+    ],
+)
+def test_what_is_wrong_with_a_document_is_said(tmp_path, content, message):
+    with pytest.raises(InputError, match=re.escape(message)):
+        opened(tmp_path, content, "t.json")
+
+
+@given(
+    st.binary(max_size=50) | st.text('{}[]":,\n1ae.', max_size=50).map(str.encode),
+    st.sampled_from(("t.json", "t.jsonl")),
+)
+def test_any_bytes_are_read_or_refused_in_a_sentence(tmp_path_factory, content, name):
+    path = tmp_path_factory.mktemp("t") / name
+    path.write_bytes(content)
+    try:
+        contents = open_json(path, TextTable())
+        contents.read(list(contents.variables))
+    except InputError as error:
+        assert str(error).endswith(".")  # noqa: PT017

@@ -1,0 +1,217 @@
+"""Tables of text are read back as they were written, whatever the delimiter, decimal mark and encoding."""
+
+import csv
+import io
+import tracemalloc
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from solidtouch.models import storage
+from solidtouch.models.errors import InputError
+from solidtouch.models.io.layouts.formats.contents import TextTable
+from solidtouch.models.io.layouts.formats.text import TextContents, open_text
+
+SIGNS = {",": ",", ";": ";", "tab": "\t", "|": "|", "blank": " "}
+NUMBERS = st.floats() | st.integers(-(2**60), 2**60).map(float)
+WORDS = st.text("ab é\"',;|#\t.", max_size=8).map(lambda text: f"w{text}".strip())
+
+
+def opened(folder: Path, content: str | bytes, **how):
+    path = folder / "t.csv"
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    return open_text(path, TextTable(**how))
+
+
+def refused(folder: Path, content: str | bytes, names=(), columns=(), **how) -> str:
+    with pytest.raises(InputError) as error:
+        opened(folder, content, **how).read(names, columns)
+    return str(error.value)
+
+
+@st.composite
+def tables(draw):
+    """Numbers, words, how they are written, and the bytes of that."""
+    name = draw(st.sampled_from(list(SIGNS)))
+    decimal = draw(st.sampled_from(".," if name != "," else "."))
+    numbers = np.array(draw(st.lists(st.tuples(NUMBERS, NUMBERS), min_size=1, max_size=9)))
+    words = draw(st.lists(WORDS, min_size=len(numbers), max_size=len(numbers)))
+    header, comment = draw(st.booleans()), draw(st.sampled_from(("", "#", "//")))
+    spare = draw(st.booleans()) and name != "blank"
+    end, skip = draw(st.sampled_from(("\n", "\r\n", "\r"))), draw(st.integers(0, 2))
+    encoding = draw(st.sampled_from(("utf-8", "utf-8-sig", "utf-16", "latin-1")))
+    text = io.StringIO()
+    quoting = csv.QUOTE_ALL if comment else draw(st.sampled_from((csv.QUOTE_MINIMAL, csv.QUOTE_ALL)))
+    quoted = csv.writer(text, delimiter=SIGNS[name], quoting=quoting, lineterminator="\n")
+    text.write("anything\n" * skip)
+    if header:
+        quoted.writerow(["force [N]", "what µ", "t (ms)", *[""] * spare])
+    for (a, b), word in zip(numbers, words, strict=True):
+        if draw(st.booleans()):
+            text.write(draw(st.sampled_from(("\n", "  \n"))))
+        if comment and draw(st.booleans()):
+            text.write(f"{comment} a note, with; signs | 5\n")
+        shown = [repr(float(a)).replace(".", decimal), repr(float(b)).replace(".", decimal)]
+        marked = any(sign in word for sign in ('"', "\t", " ", "#"))
+        quoted.writerow([shown[0], word.replace('"', "") if marked else word, shown[1], *[""] * spare])
+    clean = [word.replace('"', "") if any(s in word for s in ('"', "\t", " ", "#")) else word for word in words]
+    return (
+        numbers,
+        clean,
+        text.getvalue().replace("\n", end).encode(encoding),
+        TextTable(delimiter=name, decimal=decimal, skip_rows=skip, comment=comment, header=header),
+    )
+
+
+@given(tables(), st.integers(1, 200))
+def test_a_table_is_read_back_as_it_was_written(tmp_path_factory, table, size):
+    """By blocks of any size."""
+    numbers, words, content, how = table
+    path = tmp_path_factory.mktemp("t") / "t.csv"
+    path.write_bytes(content)
+    for contents in (open_text(path, how), TextContents(path, how, size)):
+        force, what, time = list(contents.variables)
+        if how.header:
+            assert [force, what, time] == ["force [N]", "what µ", "t (ms)"]
+        texts, read = contents.read([what], [time, force])
+
+        np.testing.assert_array_equal(read, numbers[:, ::-1])
+        assert [" ".join(word.split()) for word in texts[what]] == [" ".join(word.split()) for word in words]
+
+
+@given(tables())
+def test_the_delimiter_that_is_found_is_the_one_that_was_written(tmp_path_factory, table):
+    """Or it is not clear, and the message names the option."""
+    _, _, content, how = table
+    path = tmp_path_factory.mktemp("t") / "t.csv"
+    path.write_bytes(content)
+    given_ = open_text(path, how)
+    try:
+        found = open_text(
+            path, TextTable(**{key: getattr(how, key) for key in how.__struct_fields__ if key != "delimiter"})
+        )
+    except InputError as error:
+        assert "--delimiter" in str(error)  # noqa: PT017
+        return
+    assert list(found.variables) == list(given_.variables)
+
+
+@given(
+    st.binary(max_size=60) | st.text('1,;\n\r\t "#.e-aµ', max_size=60).map(str.encode),
+    st.booleans(),
+    st.integers(1, 20),
+)
+def test_any_bytes_are_read_or_refused_in_a_sentence(tmp_path_factory, content, header, size):
+    """And in blocks of any size alike."""
+    path, outcomes = tmp_path_factory.mktemp("t") / "t.csv", []
+    path.write_bytes(content)
+    for how_much in (size, 1 << 22):
+        try:
+            contents = TextContents(path, TextTable(header=header), how_much)
+            names = [name for name, each in contents.variables.items() if each.dtype.kind == "f"]
+            outcomes.append(str(contents.read([], names)))
+        except InputError as error:
+            outcomes.append(str(error))
+    assert outcomes[0] == outcomes[1]
+
+
+@pytest.mark.parametrize("content", ["force\n1\n2.5\n", "force\n1\n\n2.5", "# force\n1\n2.5\n", "force,\n1,\n2.5,\n"])
+def test_one_column_needs_no_delimiter(tmp_path, content):
+    assert opened(tmp_path, content).read([], ["force"])[1].tolist() == [[1], [2.5]]
+
+
+def test_a_name_needs_no_unit_as_long_as_it_is_unique(tmp_path):
+    contents = opened(tmp_path, "force [N],t/ms,x (mm),x (V),ch [1]\n1,2,3,4,5\n")
+
+    assert [each.unit for each in contents.variables.values()] == ["N", "ms", "mm", "V", ""]
+    assert contents.read([], ["force", "t", "x (V)"])[1].tolist() == [[1, 2, 4]]
+    with pytest.raises(InputError, match=r"x may be x \(mm\) or x \(V\)"):
+        contents.named("x")
+    with pytest.raises(InputError, match=r"no column forse; there is force \[N\]\."):
+        contents.named("forse")
+
+
+def test_missing_cells_are_nan(tmp_path):
+    read = opened(tmp_path, "a,b\n1,\nNA,2\n nan , 3 \n").read([], ["a", "b"])[1]
+    np.testing.assert_array_equal(read, [[1, np.nan], [np.nan, 2], [np.nan, 3]])
+
+
+def test_columns_without_a_name_have_their_number(tmp_path):
+    assert list(opened(tmp_path, ",a\n0,5\n").variables) == ["0", "a"]
+    assert list(opened(tmp_path, "0,5\n", header=False).variables) == ["0", "1"]
+
+
+def test_a_repeated_name_is_refused_only_when_it_is_asked_for(tmp_path):
+    contents = opened(tmp_path, "a,a,b\n1,2,3\n")
+
+    assert contents.read([], ["b"])[1].tolist() == [[3]]
+    with pytest.raises(InputError, match="column a is repeated"):
+        contents.read([], ["a"])
+
+
+def test_rows_have_places(tmp_path):
+    contents = opened(tmp_path, 'x,b\n# hm\n\n1,2\n"3",4 # c\n\n5,6\n', comment="#")
+    assert [contents.place(row) for row in range(3)] == ["line 4", "line 5", "line 7"]
+
+
+@pytest.mark.parametrize(
+    ("content", "how", "message"),
+    [
+        ("", {}, "no lines"),
+        ("a,b\n", {}, "no rows below the header"),
+        ("a,b\n1,2\n", {"skip_rows": 5}, "5 skipped"),
+        ("a,b\n1,2\n3,x\n", {"delimiter": ","}, "line 3, column b: 'x' is not a number."),
+        ("a,b\n1,2\n3\n", {"delimiter": ","}, "line 3: 1 cell, but there are 2 columns, split at ,"),
+        ("a,b\n1,2\n3,4,5\n", {"delimiter": ","}, "line 3: 3 cells"),
+        ("a,b\n1,2\n3\n", {}, "--delimiter, or --skip-rows or --comment for lines before it (line 3: 1 cell"),
+        ("Device 5, made by us\n\na;b\n1;2\n", {}, "--skip-rows"),
+        ("a;b\n1,5;2\n", {}, "line 2, column a: '1,5' is not a number with decimal mark '.'; --decimal changes it."),
+        ("a;b\n1.5;2\n", {"decimal": ","}, "'1.5' is not a number with decimal mark ','; --decimal"),
+        ("1,2;3\n4,5;6\n", {"header": False}, ", and ; may be the delimiter; say which by --delimiter"),
+        ("1,2\n3,4\n", {}, "--no-header"),
+        ('a,b\n"1,2\n3,4\n', {}, "line 2: a quoted cell does not end"),
+        ('a,b\n"1"x,2\n', {"delimiter": ","}, "line 2: "),
+        ("a,b\n1,2\n", {"delimiter": "ab"}, "--delimiter"),
+        ("a,b\n1,2\n", {"decimal": "x"}, "--decimal"),
+        ("a,b\n1,2\n", {"delimiter": ",", "decimal": ","}, "--decimal"),
+        (b"a,b\n1\x00,2\n", {}, "zero bytes"),
+        ("a,b\n1,True\n", {}, "line 2, column b: 'True' is not a number"),
+    ],
+)
+def test_what_is_wrong_is_said_with_its_place_and_the_option_that_helps(tmp_path, content, how, message):
+    assert message in refused(tmp_path, content, (), ["a", "b"] if "b" in str(content) else ["0"], **how)
+
+
+def test_a_mistake_deep_in_a_file_is_found(tmp_path):
+    """In a later block, with its line."""
+    rows = ["1.25,2.5,3.75"] * 700_000
+    rows[650_000] = "1,2,3..5"
+    content = "a,b,c\n" + "\n".join(rows)
+
+    assert refused(tmp_path, content, (), "abc") == "line 650002, column c: '3..5' is not a number."
+    rows[650_000] = "1,2"
+    assert refused(tmp_path, "a,b,c\n" + "\n".join(rows), (), "abc").startswith("line 650002: 2 cells")
+    content = ("a,b,c\n" + "\n".join(rows[:650_000])).encode() + b"\n1,2,\xff\n"
+    assert refused(tmp_path, content, (), "abc") == "line 650002: not UTF-8 text."
+
+
+def test_a_large_table_stays_on_disk(tmp_path, monkeypatch):
+    """And memory holds little of it; without room for it, it is read into memory."""
+    monkeypatch.setattr(storage, "ON_DISK", 1 << 20)
+    numbers = np.arange(900_000.0).reshape(-1, 3)
+    rows = "\n".join(f"{a:.0f},{b:.0f},{c:.0f}" for a, b, c in numbers)
+    contents = opened(tmp_path, "a,b,c\n" + rows)
+    contents.read([], "a")
+    small = TextContents(contents.path, TextTable(), 1 << 16)
+    tracemalloc.start()
+    read = small.read([], "abc")[1]
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+
+    assert isinstance(read, np.memmap)
+    assert peak < numbers.nbytes / 2
+    np.testing.assert_array_equal(read, numbers)
+    monkeypatch.setattr(storage, "spooled", lambda parts, *_: (next(iter(parts)), None)[1])
+    np.testing.assert_array_equal(contents.read([], "abc")[1], numbers)
