@@ -307,6 +307,8 @@ def _checked(rig: str, grid: ClassGrid, wish: Wish) -> RigFile:
     """Settings of a real rig that can be placed as requested."""
     settings = load_rig(rig)
     check_step(settings.range.cell_mm, grid, settings.name)
+    if grid.where_place is not None:
+        raise InputError(f"{settings.name} moves along a line, but the positions of the model are places in a plane.")
     if grid.where_unit.split(maxsplit=1)[:1] != ["mm"]:
         raise InputError(f"{settings.name} moves in mm, but the positions of the model are in {grid.where_unit!r}.")
     start_mm, limits = wish.place(grid, 0), settings.range

@@ -41,6 +41,8 @@ class ClassGrid:
         what_members: Names of the objects in each object class, `M` tuples; see `errors.printable_name`.
         what_value: Reported value of each object class, shape (M,), or `None` if objects have no size.
         what_unit: Unit of `what_value`.
+        where_place: Places in a plane that the positions are, x and y in `where_unit` and perhaps an angle, shape
+            (L, 2) or (L, 3); `where_value` then numbers them. `None` for positions on a line.
 
     Raises:
         InputError: Sizes do not match, values are no numbers or do not increase, or a name is in two classes.
@@ -52,6 +54,7 @@ class ClassGrid:
     what_members: tuple[tuple[str, ...], ...]
     what_value: NDArray[np.float64] | None = None
     what_unit: str = ""
+    where_place: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         """Makes arrays and tuples, and checks the sizes."""
@@ -75,6 +78,11 @@ class ClassGrid:
             raise InputError(f"An object name is in two classes: {sorted(names)}.")
         if self.what_value is not None and self.what_value.shape != (self.M,):
             raise InputError(f"{self.M} object classes need {self.M} values, got shape {self.what_value.shape}.")
+        if self.where_place is not None:
+            place = check_numbers(self.where_place, "where_place of a class grid").astype(np.float64)
+            if place.ndim != 2 or len(place) != self.L or place.shape[1] not in (2, 3) or not np.isfinite(place).all():
+                raise InputError(f"where_place must have shape ({self.L}, 2) or ({self.L}, 3), got {place.shape}.")
+            object.__setattr__(self, "where_place", place)
 
     @property
     def L(self) -> int:  # noqa: N802
@@ -99,7 +107,15 @@ class ClassGrid:
     def where_label(self, l: int) -> str:
         """Printable name of position `l`, for example `"7.5 mm"`; remarks after the unit are omitted."""
         unit = re.split(r"[,(;]", self.where_unit, maxsplit=1)[0]
-        return f"{self.where_value[l]:g} {unit}".strip()
+        if self.where_place is None:
+            return f"{self.where_value[l]:g} {unit}".strip()
+        x, y, *angle = (f"{value:g}" for value in self.where_place[l])
+        return " at ".join([f"({x}, {y}) {unit}".strip(), *angle])
+
+    @property
+    def axis_unit(self) -> str:
+        """Unit of `where_value`: none where it numbers places in a plane."""
+        return self.where_unit if self.where_place is None else ""
 
     def where_index(self, values: ArrayLike) -> NDArray[np.intp]:
         """Position index of each value, -1 if outside; same shape as `values`."""
@@ -120,8 +136,14 @@ class ClassGrid:
         return np.array([table.get(str(name), -1) for name in names], dtype=np.intp)
 
     def where_error(self, decided: ArrayLike, true: ArrayLike) -> NDArray[np.float64]:
-        """Distance between positions in `where_unit` (decisions are classes, so 0 or at least one cell)."""
-        return np.abs(self.where_value[np.asarray(decided)] - self.where_value[np.asarray(true)])
+        """Distance between positions in `where_unit` (decisions are classes, so 0 or at least one cell).
+
+        In a plane it is that of x and y; an angle does not count.
+        """
+        if self.where_place is None:
+            return np.abs(self.where_value[np.asarray(decided)] - self.where_value[np.asarray(true)])
+        apart = self.where_place[np.asarray(decided), :2] - self.where_place[np.asarray(true), :2]
+        return np.hypot(apart[..., 0], apart[..., 1])
 
     def what_error(self, decided: ArrayLike, true: ArrayLike) -> NDArray[np.float64]:
         """Distance between objects in `what_unit`; without values 1 if they differ, else 0."""
@@ -154,6 +176,7 @@ class ClassGrid:
             what_members=tuple(self.what_members[m] for m in what),
             what_value=None if self.what_value is None else self.what_value[what],
             what_unit=self.what_unit,
+            where_place=None if self.where_place is None else self.where_place[where],
         )
 
     def untouched(self, touched: NDArray[np.bool_]) -> tuple[str, ...]:
@@ -171,6 +194,8 @@ class ClassGrid:
             phrases.append(f"{self.L} x {self.M} classes here and {other.L} x {other.M} there")
         elif not np.array_equal(self.where_value, other.where_value) or self.where_unit != other.where_unit:
             phrases.append("the positions differ")
+        elif not _same(self.where_place, other.where_place):
+            phrases.append("the places of the positions differ")
         elif self.what_members != other.what_members:
             phrases.append("the objects differ")
         return phrases
@@ -178,7 +203,7 @@ class ClassGrid:
     def coords(self) -> dict[str, Any]:
         """Coordinates of datasets over the classes."""
         return {
-            "where": ("where", self.where_value, {"units": self.where_unit}),
+            "where": ("where", self.where_value, {"units": self.axis_unit}),
             "what": ("what", np.asarray(self.what_name, dtype=np.str_)),
         }
 
@@ -191,6 +216,7 @@ class ClassGrid:
             "what_members": [list(members) for members in self.what_members],
             "what_value": None if self.what_value is None else self.what_value.tolist(),
             "what_unit": self.what_unit,
+            **({} if self.where_place is None else {"where_place": self.where_place.tolist()}),
         }
 
     @classmethod
@@ -210,9 +236,14 @@ class ClassGrid:
                 what_members=tuple(tuple(members) for members in fields["what_members"]),
                 what_value=None if fields["what_value"] is None else np.asarray(fields["what_value"], dtype=np.float64),
                 what_unit=fields["what_unit"],
+                where_place=fields.get("where_place"),
             )
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise InputError(f"Not a class grid: {error}.") from error
+
+
+def _same(here: NDArray[np.float64] | None, there: NDArray[np.float64] | None) -> bool:
+    return np.array_equal(here, there) if here is not None and there is not None else here is there
 
 
 def _numbers(values: ArrayLike | None, name: str) -> NDArray[np.float64] | None:

@@ -19,9 +19,10 @@ _DIMS = {
     "what_value": ("what_class",),
     "where_value": ("where_class",),
     "where_edges": ("where_edge",),
+    "where_place": ("where_class", "plane"),
     "taxel_position": ("taxel", "axis"),
 }
-_OPTIONAL = ("what_value", "where_edges", "taxel_position")
+_OPTIONAL = ("what_value", "where_edges", "where_place", "taxel_position")
 
 
 def check_shapes(dataset: xr.Dataset) -> None:
@@ -53,7 +54,7 @@ def check_values(dataset: xr.Dataset, extremes: NDArray[Any]) -> None:
     if wrong.any():
         tap = int(wrong.argmax())
         _check_finite("taps", dataset.variables["taps"][tap : tap + 1].values, may_miss, tap)
-    for name in ("where", "what_value", "where_value", "where_edges", "taxel_position"):
+    for name in ("where", "what_value", "where_value", "where_edges", "where_place", "taxel_position"):
         if name in dataset.variables:
             _check_finite(name, dataset[name].values)
     for name, values in dataset.data_vars.items():
@@ -70,6 +71,8 @@ def check_values(dataset: xr.Dataset, extremes: NDArray[Any]) -> None:
         raise InputError("where_value must increase.")
     if "where_edges" in dataset and sizes["where_edge"] != sizes["where_class"] + 1:
         raise InputError(f"where_edges must have {sizes['where_class'] + 1} values, got {sizes['where_edge']}.")
+    if "where_place" in dataset and ("where_edges" in dataset or sizes["plane"] not in (2, 3)):
+        raise InputError("where_place must be x and y, or x, y and an angle, of positions without edges.")
     record = Preprocessing.from_json(dataset.attrs.get("preprocessing", ""))
     if record.samples != sizes["sample"]:
         raise InputError(f"preprocessing has {record.samples} samples, but taps have {sizes['sample']}.")

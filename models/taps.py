@@ -16,6 +16,7 @@ name                dims                meaning
 ``what_value``      what_class          optional size of each object, attribute ``units``
 ``where_value``     where_class         table of nominal positions
 ``where_edges``     where_edge          optional: class ``l`` covers ``[edge l, edge l + 1)``
+``where_place``     where_class, plane  optional: x, y and perhaps an angle of positions that are numbered
 ==================  ==================  ===================================================================
 
 Attributes: ``sensor``, ``source``, ``licence``, ``preprocessing`` (JSON), ``format``, and ``missing`` with the value
@@ -97,6 +98,7 @@ class TapSet:
         where: ArrayLike | None = None,
         where_value: ArrayLike | None = None,
         where_edges: ArrayLike | None = None,
+        where_place: ArrayLike | None = None,
         where_unit: str = "",
         what_value: ArrayLike | None = None,
         what_unit: str = "",
@@ -120,6 +122,8 @@ class TapSet:
             where: Position of each tap in `where_unit`, shape (N,); default: 0 for all.
             where_value: Nominal positions, increasing; default: the distinct values of `where`.
             where_edges: Edges of the position classes, one more than `where_value`.
+            where_place: Places in a plane that `where_value` numbers, x and y in `where_unit` and perhaps an angle,
+                shape (len(where_value), 2) or (len(where_value), 3).
             where_unit: Unit of the positions.
             what_value: Size of each object, shape (len(what_name),).
             what_unit: Unit of the sizes.
@@ -172,6 +176,9 @@ class TapSet:
                 check_numbers(where_edges, "where_edges").astype(np.float64),
                 {"units": where_unit},
             )
+        if where_place is not None:
+            place = check_numbers(where_place, "where_place").astype(np.float64)
+            coords["where_place"] = (("where_class", "plane"), place, {"units": where_unit})
         if taxel_position is not None:
             coords["taxel_position"] = (
                 ("taxel", "axis"),
@@ -334,6 +341,8 @@ class TapSet:
         """
         where_value = self.dataset["where_value"].values
         edges = self.dataset["where_edges"].values if "where_edges" in self.dataset.coords else None
+        if where_cell is not None and "where_place" in self.dataset.coords:
+            raise InputError("where_cell (--where-cell) divides positions on a line; these are places in a plane.")
         if where_cell is not None:
             width = parse_length(where_cell, self.where_unit, "where_cell (--where-cell)")
             if edges is not None and width < (1 - _ROUNDING) * np.diff(edges).min():
@@ -360,6 +369,7 @@ class TapSet:
             members,
             what_value,
             what_unit if what_value is not None else "",
+            self.dataset["where_place"].values if "where_place" in self.dataset.coords else None,
         )
 
     def _finer(self, edges: NDArray[np.float64], width: float, where_cell: str) -> NDArray[np.float64]:
@@ -489,6 +499,9 @@ def check_alike(taps: Sequence[TapSet], names: Sequence[str]) -> None:
 def with_all_places(taps: Sequence[TapSet]) -> Sequence[TapSet]:
     """The tap sets; if their tables of positions differ, with the union of the positions and without edges."""
     tables = [part.dataset["where_value"] for part in taps]
+    places = [part.dataset.get("where_place") for part in taps]
+    if any(place is not None for place in places):
+        return _with_all_in_plane(taps, places)
     if all(table.equals(tables[0]) for table in tables):
         return taps
     every = np.unique(np.concatenate([table.values for table in tables]))
@@ -496,6 +509,49 @@ def with_all_places(taps: Sequence[TapSet]) -> Sequence[TapSet]:
     places = ("where_value", "where_edges")
     plain = (part.dataset.drop_vars(places, errors="ignore").assign_coords(where_value=column) for part in taps)
     return [TapSet(dataset, part.scanned) for dataset, part in zip(plain, taps, strict=True)]
+
+
+def in_plane(places: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    """Different places in the order of their numbers, shape (L, D), and the number of each place given, shape (n,).
+
+    They are numbered to and fro, by x, then by y and then by angle, so that neighbours in number are neighbours in a
+    full grid: y rises along the first x, falls along the next one, and so on, and the angle likewise.
+
+    >>> in_plane(np.array([[0.0, 0.0], [0.0, 1.0], [2.0, 0.0], [2.0, 1.0]]))[1].tolist()
+    [0, 1, 3, 2]
+
+    Args:
+        places: x, y and perhaps an angle, shape (n, D).
+    """
+    different, of = np.unique(places, axis=0, return_inverse=True)
+    number = np.zeros(len(different), dtype=np.intp)
+    for column in different.T:
+        values, rank = np.unique(column, return_inverse=True)
+        number = number * len(values) + np.where(number % 2, len(values) - 1 - rank, rank)
+    order = np.argsort(number)
+    return different[order], np.argsort(order)[of.reshape(-1)]
+
+
+def _with_all_in_plane(taps: Sequence[TapSet], places: Sequence[xr.DataArray | None]) -> Sequence[TapSet]:
+    """The tap sets with the union of their places in a plane, numbered anew."""
+    if any(place is None or place.shape[1] != places[0].shape[1] for place in places):  # pyright: ignore
+        raise InputError("Some positions are places in a plane and others are not, or only some have an angle.")
+    known: list[xr.DataArray] = [place for place in places if place is not None]
+    if all(place.equals(known[0]) for place in known):
+        return taps
+    every, number = in_plane(np.concatenate([place.values for place in known]))
+    numbers = np.split(number, np.cumsum([len(place) for place in known])[:-1])
+    coords = {
+        "where_value": ("where_class", np.arange(len(every), dtype=np.float64), taps[0].dataset["where_value"].attrs),
+        "where_place": (("where_class", "plane"), every, known[0].attrs),
+    }
+    found = []
+    for part, of in zip(taps, numbers, strict=True):
+        where = of[np.searchsorted(part.dataset["where_value"].values, part.where)].astype(np.float64)
+        dataset = part.dataset.drop_vars(("where_value", "where_place"))
+        column = ("tap", where, part.dataset["where"].attrs)
+        found.append(TapSet(dataset.assign_coords(where=column, **coords), part.scanned))
+    return found
 
 
 def _coarser(

@@ -54,7 +54,7 @@ def fold_warnings(fold: Fold, grid: ClassGrid, *, one_file: bool) -> list[str]:
 
 
 def _uneven(grid: ClassGrid) -> Iterator[str]:
-    steps = np.diff(grid.where_value)
+    steps = np.diff(grid.where_value) if grid.where_place is None else np.empty(0)
     if len(steps) and steps.max() > 1.5 * steps.min():
         yield (
             f"Positions are unevenly spaced, by {steps.min():g} to {steps.max():g} {grid.where_unit}".rstrip()

@@ -60,7 +60,7 @@ def inspect_taps(taps: TapSet, grid: ClassGrid) -> Inspection:
     return Inspection(
         size=(len(taps), *taps.tap_shape),
         sessions=tuple(sessions.tolist()),
-        where_label=tuple(f"{value:g}" for value in grid.where_value),
+        where_label=_places(grid),
         what_label=grid.what_name,
         where_unit=grid.where_unit,
         counts=count_taps(taps, grid),
@@ -73,6 +73,12 @@ def inspect_taps(taps: TapSet, grid: ClassGrid) -> Inspection:
         attributes={**attributes, "further arrays": ", ".join(extra)},
         warnings=tuple(filter(None, (missing_sentence([taps], "taps"), *data_warnings(taps, grid)))),
     )
+
+
+def _places(grid: ClassGrid) -> tuple[str, ...]:
+    """Positions in print, without their unit."""
+    rows = grid.where_value[:, np.newaxis] if grid.where_place is None else grid.where_place
+    return tuple(", ".join(f"{value:g}" for value in row) for row in rows)
 
 
 def _chosen(record: Preprocessing) -> dict[str, Any]:

@@ -122,7 +122,7 @@ def picture(seen: Seen, width: int = 100, rows: int = 20) -> Group:
     lines += _where_rows(shown.sum(axis=0), side)
     if seen.fixation is not None:
         lines.append(Text(" " * (side + _CELL * (seen.fixation // per_column) + 2) + "▲ fixation point", no_wrap=True))
-    unit = grid.where_unit.split(",", maxsplit=1)[0] or "no unit"
+    unit = grid.axis_unit.split(",", maxsplit=1)[0] or "no unit"
     share = "" if per_column == 1 else f", {per_column} classes each, the first named"
     legend = f"Belief in percent, · below 0.5; columns: position ({unit}){share}."
     head = [Text(seen.heading, style="bold")] if seen.heading else []

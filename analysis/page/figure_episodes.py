@@ -19,7 +19,6 @@ from .figure_style import (
     line_bundle,
     new_figure,
     short,
-    short_unit,
     styled,
 )
 
@@ -82,8 +81,7 @@ def class_label(grid: ClassGrid, index: int) -> str:
     l, m = np.unravel_index(index, grid.shape)
     if grid.L == 1:
         return short(grid.what_name[m])
-    place = f"{grid.where_value[l]:g} {short_unit(grid.where_unit)}".strip()
-    return f"{short(grid.what_name[m])} at {place}"
+    return f"{short(grid.what_name[m])} at {grid.where_label(int(l))}"
 
 
 @styled
@@ -101,7 +99,7 @@ def trajectories(passive: ArrayLike, active: ArrayLike, grid: ClassGrid, fixatio
         plot_trajectories(panel, index, grid)
         label_panel(panel, letter, name)
     mark_fixation(axes[0, 1], grid, fixation)
-    axes[0, 0].set_ylabel(axis_label("position", grid.where_unit))
+    axes[0, 0].set_ylabel(axis_label("position", grid.axis_unit))
     note = "Lines at the same position are offset by up to a quarter of a class; dots mark decisions."
     figure.supxlabel(note, fontsize=7)
     return figure

@@ -111,7 +111,7 @@ def _position_axis(axes: Axes, taps: TapSet) -> None:
     labels = [f"{value:g}" for value in values]
     step = every(labels, _TICK_CHARACTERS)
     axes.set_xticks(ticks, [label if i % step == 0 else "" for i, label in enumerate(labels)])
-    axes.set_xlabel(axis_label("position", grid.where_unit))
+    axes.set_xlabel(axis_label("position", grid.axis_unit))
 
 
 def _layout(axes: Axes, position: NDArray[np.float64], palette: list[Any]) -> Axes:

@@ -154,7 +154,7 @@ def outcomes_dataset(
     return xr.Dataset(
         columns,
         {
-            "place": ("place", grid.where_value, {"units": grid.where_unit}),
+            "place": ("place", grid.where_value, {"units": grid.axis_unit}),
             "theta": ("theta", np.asarray(thresholds, dtype=np.float64)),
         },
         {

@@ -277,6 +277,7 @@ def _session(
         where=grid.where_value[where],
         where_value=grid.where_value,
         where_edges=grid.where_edges,
+        where_place=grid.where_place,
         where_unit=grid.where_unit,
         what_value=grid.what_value,
         what_unit=grid.what_unit,

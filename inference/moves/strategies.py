@@ -75,7 +75,7 @@ def distances_mm(grid: ClassGrid) -> NDArray[np.float64]:
     unit = re.split(r"[,(;]", grid.where_unit, maxsplit=1)[0].strip()
     if unit != "mm":
         raise InputError(f"The cost of a move needs positions in mm, but these are in {grid.where_unit!r}.")
-    return np.abs(grid.where_value[:, np.newaxis] - grid.where_value)
+    return grid.where_error(np.arange(grid.L)[:, np.newaxis], np.arange(grid.L))
 
 
 def _check_positive(name: str, value: float) -> None:

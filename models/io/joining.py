@@ -9,7 +9,7 @@ from ..errors import InputError
 from ..preprocessing import Preprocessing
 from ..taps import TapSet, check_alike, concatenate, with_all_places
 
-_TABLES = ("where_value", "where_edges", "what_value", "taxel_position", "time")
+_TABLES = ("where_value", "where_edges", "where_place", "what_value", "taxel_position", "time")
 
 
 def joined(taps: Sequence[TapSet], names: Sequence[str]) -> TapSet:
@@ -101,7 +101,7 @@ def relabel(
         raise InputError("what_unit (--what-unit) was given, but the objects have no sizes.")
     for unit, names in (
         (units, ("taps",)),
-        (where_unit, ("where", "where_value", "where_edges")),
+        (where_unit, ("where", "where_value", "where_edges", "where_place")),
         (what_unit, ("what_value",)),
     ):
         for name in names if unit is not None else ():

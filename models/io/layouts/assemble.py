@@ -14,6 +14,7 @@ from ...cutting.sessions import number_by_date, number_by_gap
 from ...errors import InputError
 from ...grid import values_from_names
 from ...settings import Missing
+from ...taps import in_plane
 from ..recording import Labels, Recording, as_samples, naming
 from .files import SourceFile, source_files
 from .labels import ByOrder, LabelTables, as_numbers, as_texts, label_source
@@ -292,10 +293,12 @@ def _positions(found: Sequence[Piece], how: TapMap) -> tuple[NDArray[np.float64]
 def _in_plane(
     axes: Sequence[tuple[NDArray[np.float64], str]], how: TapMap
 ) -> tuple[NDArray[np.float64], dict[str, Any]]:
-    """Positions in a plane as one axis: numbered from 0 by x, then by y, then by angle."""
-    places = np.stack([_rounded(values, how) for values, _ in axes], axis=1) * how.where_scale
-    _, index = np.unique(places, axis=0, return_inverse=True)
-    return index.reshape(-1).astype(np.float64), {"where_unit": ""}
+    """Places in a plane as numbered positions, see `taps.in_plane`."""
+    places = np.stack([_rounded(values, how) for values, _ in axes[:2]], axis=1) * how.where_scale
+    angles = [values[:, np.newaxis] for values, _ in axes[2:]]
+    every, number = in_plane(np.concatenate([places, *angles], axis=1))
+    tables = {"where_value": np.arange(len(every)), "where_place": every, "where_unit": how.where_unit or axes[0][1]}
+    return number.astype(np.float64), tables
 
 
 def _rounded(values: NDArray[np.float64], how: TapMap) -> NDArray[np.float64]:
