@@ -11,6 +11,7 @@ from ...models.preprocessing import Preprocessing
 from ...models.splits import missing_sentence
 from ...models.taps import TapSet
 from ..experiment.data_warnings import constant_taxels, data_warnings, saturated_taxels, taxel_ranges
+from .questions import QuestionAnswer, answers
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,6 +33,7 @@ class Inspection:
         preprocessing: What was done to the samples: the fields of the record that are not their default.
         attributes: Sensor, source, licence and the further arrays.
         warnings: What may mislead, one sentence each.
+        answers: Which questions the recording can answer.
     """
 
     size: tuple[int, int, int]
@@ -48,12 +50,14 @@ class Inspection:
     preprocessing: dict[str, Any]
     attributes: dict[str, str]
     warnings: tuple[str, ...]
+    answers: tuple[QuestionAnswer, ...]
 
 
 def inspect_taps(taps: TapSet, grid: ClassGrid) -> Inspection:
     """The facts about a tap set, its taps counted in the classes of `grid`."""
     sessions = np.unique(taps.session)
     low, high = taxel_ranges(taps.extremes)
+    counts = count_taps(taps, grid)
     extra = [str(name) for name in taps.dataset.data_vars if name != "taps"]
     attributes = {name: str(taps.dataset.attrs.get(name, "")) for name in ("sensor", "source", "licence")}
     return Inspection(
@@ -62,7 +66,7 @@ def inspect_taps(taps: TapSet, grid: ClassGrid) -> Inspection:
         where_label=tuple(f"{value:g}" for value in grid.where_value),
         what_label=grid.what_name,
         where_unit=grid.where_unit,
-        counts=count_taps(taps, grid),
+        counts=counts,
         low=low,
         high=high,
         units=taps.dataset["taps"].attrs.get("units", ""),
@@ -71,6 +75,7 @@ def inspect_taps(taps: TapSet, grid: ClassGrid) -> Inspection:
         preprocessing=_chosen(taps.preprocessing),
         attributes={**attributes, "further arrays": ", ".join(extra)},
         warnings=tuple(filter(None, (missing_sentence([taps], "taps"), *data_warnings(taps, grid)))),
+        answers=answers(taps, grid, counts),
     )
 
 

@@ -81,9 +81,9 @@ def class_label(grid: ClassGrid, index: int) -> str:
     """A joint class in words, such as `"8 mm rod at 7.5 mm"`; `index` counts over (L, M) flattened."""
     l, m = np.unravel_index(index, grid.shape)
     if grid.L == 1:
-        return short(grid.what_name[m])
+        return short(grid.what_name[m], grid.what_name)
     place = f"{grid.where_value[l]:g} {short_unit(grid.where_unit)}".strip()
-    return f"{short(grid.what_name[m])} at {place}"
+    return f"{short(grid.what_name[m], grid.what_name)} at {place}"
 
 
 @styled
