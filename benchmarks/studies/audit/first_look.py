@@ -91,8 +91,8 @@ def page(found: list[FirstLook], seed: int, trials: int, simulations: int) -> st
 def main() -> None:
     """Runs the study as the command line says."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--trials", type=int, default=1000, help="trials per data set")
-    parser.add_argument("--simulations", type=int, default=99, help="data sets per design")
+    parser.add_argument("--trials", type=int, default=500, help="trials per data set")
+    parser.add_argument("--simulations", type=int, default=39, help="data sets per design")
     parser.add_argument("--seed", type=int, default=470)
     options = parsed(parser, "first-look")
     run = partial(look, seed=data_set_seed(options.seed, 0), trials=options.trials, simulations=options.simulations)

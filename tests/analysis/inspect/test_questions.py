@@ -32,7 +32,7 @@ def told(taps, **cells):
 
 
 def test_interleaved_classes_with_enough_taps_answer_all(make_taps):
-    taps = make_taps(L=4, M=3, J=1, K=3, sessions=4, repeats=420)
+    taps = make_taps(L=4, M=3, J=1, K=3, sessions=4, repeats=700)
     noise = np.random.default_rng(4).normal(0, 1.5, taps.taps.shape)
     hard = TapSet(taps.dataset.assign(taps=taps.dataset["taps"] + noise))
 
