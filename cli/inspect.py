@@ -18,7 +18,7 @@ def inspect(
     what_cell: WhatCell = None,
     missing: Missing = "refuse",
 ) -> None:
-    """Print sizes, ranges and data-quality warnings of a tap set."""
+    """Print sizes, ranges and data-quality warnings of a tap set, and what it can show."""
     with loading():
         from ..analysis.inspect.report import inspect as study
         from .shared.report import show_page

@@ -71,6 +71,7 @@ class Purpose(IntEnum):
     SUSPECTS = 37  # session and half, how many numbers came before
     CONTACT_SCORES = 38  # of compare; contacts, the taps as they are or resampled
     REMEDY_SCORES = 39
+    QUICK_FIT = 47  # of inspect
     # live episodes; episode
     START = 32
     OBJECT = 33

@@ -252,7 +252,7 @@ def eflesh(folder: Path) -> Facts:
     return Facts(
         shape=(16, 1, 15),
         objects=("object",),
-        taps={0: ("object", 0, 0, (0, 1, 0, 14)), 15: ("object", 3, 1, (1105, 1106, 1105, 1119))},
+        taps={0: ("object", 0, 0, (0, 1, 0, 14)), 15: ("object", 2, 1, (1105, 1106, 1105, 1119))},
         positions=(0.0, 1.0, 2.0, 3.0),
         sessions=(0, 1),
     )

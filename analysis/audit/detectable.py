@@ -24,9 +24,9 @@ from ...models.errors import InputError
 from ...models.grid import episode_sessions, tap_pool
 from ...models.measurement.model import TapModel
 from ...models.setting_file import Setting
-from ..stats.right_model import LEVEL, equivalent, quantiles, reference_factors
+from ..stats.detection import LEVEL, POWER
+from ..stats.right_model import equivalent, quantiles, reference_factors
 
-POWER = 0.8
 SESSIONS, TAPS = (1, 3, 10), (20, 60)
 """Designs that are looked at, beside the present number of taps."""
 SIMULATIONS = 99

@@ -28,6 +28,7 @@ from ..page.figure_style import (
     axis_label,
     label_panel,
     new_figure,
+    short,
     styled,
 )
 from .leakage.run import Leakage
@@ -234,7 +235,7 @@ def remedies(measured: Measured) -> Figure | None:
         plot_changes(panel, values, more_is_better=more)
         panel.set_xlabel(title)
     plot_factors(axes[0, -1], [score.factor for score in scores])
-    axes[0, 0].set_yticks(range(len(names)), names)
+    axes[0, 0].set_yticks(range(len(names)), [short(name, names) for name in names])
     axes[0, 0].set_ylim(len(names) - 0.4, -0.6)
     for i, panel in enumerate(axes[0]):
         panel.tick_params(axis="y", length=0)

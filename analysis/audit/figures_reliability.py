@@ -190,7 +190,12 @@ def plot_wrong(axes: Axes, data: xr.Dataset) -> Axes:
     axes.plot(x, _shown(together["doubt"].values), color="grey", linewidth=0.8, linestyle="--", label="1 − belief")
     named = data.sizes["what"] <= _NAMED + 1
     for name, style in _objects(data):
-        axes.plot(x, _shown(data["wrong"].sel(what=name).values), label=short(str(name)) if named else None, **style)
+        axes.plot(
+            x,
+            _shown(data["wrong"].sel(what=name).values),
+            label=short(str(name), data["what"].values.tolist()) if named else None,
+            **style,
+        )
     if not named:
         axes.plot([], [], color=OTHERS, linewidth=0.6, label="each")
     low, high = (_shown(together[f"wrong{end}"].values) for end in ("_low", "_high"))
@@ -233,7 +238,7 @@ def plot_promises(axes: Axes, data: xr.Dataset) -> Axes:
                 color=styles[name]["color"],
                 marker=styles[name].get("marker", "o"),
                 markerfacecolor=styles[name]["color"] if filled else "white",
-                label=short(str(name)) if filled and not (grey and name != EVERYTHING) else None,
+                label=short(str(name), names) if filled and not (grey and name != EVERYTHING) else None,
             )
     if grey:
         axes.plot([], [], "o", color=OTHERS, markersize=2, label="each")

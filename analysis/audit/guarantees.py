@@ -29,8 +29,9 @@ from ...models.grid import ClassGrid
 from ...models.measurement.model import TapModel
 from ...models.settings import PlaySettings
 from ..stats.decided import Subject, decided_about, independent_decisions
+from ..stats.detection import LEVEL
 from ..stats.reliability import EVERYTHING, TRIALS, plain
-from ..stats.right_model import LEVEL, SIMULATIONS, Beside, compare, simulate
+from ..stats.right_model import SIMULATIONS, Beside, compare, simulate
 from ..stats.uniformity import rejected
 
 PROMISED = "power none, border clamp"

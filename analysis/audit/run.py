@@ -19,6 +19,7 @@ from ...models.progress import Progress
 from ...models.setting_file import Setting
 from ...models.taps import TapSet, concatenate
 from ...models.threads import one_blas_thread, other_threads
+from ..experiment.before_contact import check_pre
 from ..experiment.parts import AuditParts
 from ..page.html import draw_ahead
 from ..page.stages import StageClock
@@ -35,7 +36,6 @@ from .dependence.times import time_dependence
 from .detectable import SIMULATIONS as DESIGN_SIMULATIONS
 from .detectable import Detectable, enough
 from .guarantees import PromiseTest, exceeded, guarantees
-from .leakage.before_contact import check_pre
 from .leakage.run import Leakage, leakage
 from .remedies import RefusedRemedy, Remedy, beside_right, count_remedies, make_remedies
 from .remedy_scores import Measured, count_measurements, measure, policy_of

@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 
 from ..page.numbers import factor_ends, number, spanned
-from ..stats.right_model import LEVEL
+from ..stats.detection import LEVEL
 from .leakage.run import Leakage
 from .remedy_scores import BeliefEvidence, Measured, Scored
 from .variance.causes import CAUSES, FEWEST_CLASSES, part_words, suspect_part, tells

@@ -156,7 +156,7 @@ def plot_differences(
     axes.axhline(0, color="black", linewidth=0.8)
     others = data.sel(model=[model for model in data["model"].values if model != data.attrs["reference"]])
     _dots(axes, others, f"{name}_difference", dim, joined=False)
-    axes.set_ylabel(f"{_label(data, name)}\n− that of {data.attrs['reference']}")
+    axes.set_ylabel(f"{_label(data, name)}\n− that of {short(data.attrs['reference'])}")
     if not data.sizes[dim]:
         axes.text(0.5, 0.5, "no common reaction time", ha="center", va="bottom", transform=axes.transAxes)
     if name.startswith("log_score"):
@@ -181,7 +181,11 @@ def plot_against_taps(axes: Axes, curves: xr.Dataset, name: str, policy: str) ->
         names = (name, f"{name}_low", f"{name}_high")
         dense = xr.Dataset({key: ("taps", np.interp(between, times, data[key].values)) for key in names})
         axes.plot(
-            between, dense[name].values, label=short(model), markevery=np.searchsorted(between, times).tolist(), **style
+            between,
+            dense[name].values,
+            label=short(model, curves["model"].values.tolist()),
+            markevery=np.searchsorted(between, times).tolist(),
+            **style,
         )
         band(axes, between, dense, name, style["color"], curves.sizes["model"])
     axes.set(title=policy, ylabel=_label(curves, name), ylim=(0, _ROOM * top if top > 0 else None))
@@ -198,7 +202,7 @@ def plot_miscalibration(axes: Axes, curves: xr.Dataset, policy: str) -> Axes:
     theta = curves["theta"].values
     for model, style in _styles(curves).items():
         data = curves.sel(model=model)
-        axes.plot(theta, data["miscalibration"].values, label=short(model), **style)
+        axes.plot(theta, data["miscalibration"].values, label=short(model, curves["model"].values.tolist()), **style)
         band(axes, theta, data, "miscalibration", style["color"], curves.sizes["model"])
     axes.set(title=policy, xlabel="belief threshold", ylabel=_LABELS["miscalibration"], xlim=(0, 1.02))
     return axes
@@ -244,7 +248,7 @@ def _dots(axes: Axes, data: xr.Dataset, name: str, dim: str, *, joined: bool) ->
             value,
             yerr=np.where(np.isfinite(bars), bars, 0.0),
             elinewidth=0.6,
-            label=short(model),
+            label=short(model, data["model"].values.tolist()),
             **style if joined else {**style, "linestyle": "none"},
         )
     axes.margins(x=0.06)

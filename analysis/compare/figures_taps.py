@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from ..page.figure_style import OTHERS, TRUE, TWO_COLUMNS, label_panel, new_figure, styled
+from ..page.figure_style import OTHERS, TRUE, TWO_COLUMNS, label_panel, new_figure, short, styled
 from .figures import model_styles
 
 _ROW = 0.24  # inches per model
@@ -48,9 +48,9 @@ def plot_groups_left_out(axes: Axes, means: xr.Dataset) -> Axes:
             axes.plot(middle, i + offset, "o", color=colour, markerfacecolor=face, markersize=4)
         axes.plot([], [], "o", color="black", markerfacecolor="black" if filled else "white", markersize=4, label=label)
     axes.axvline(0, color=OTHERS, linewidth=0.6, zorder=0)
-    axes.set_yticks(range(len(names)), names)
+    axes.set_yticks(range(len(names)), [short(name, names) for name in names])
     axes.set_ylim(len(names) - 0.5, -0.5)
-    axes.set_xlabel(f"log probability per tap − that of {means.attrs.get('reference', names[0])} (nat)")
+    axes.set_xlabel(f"log probability per tap − that of {short(means.attrs.get('reference', names[0]))} (nat)")
     axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2)
     return axes
 
@@ -90,7 +90,7 @@ def plot_pareto(axes: Axes, left_out: xr.Dataset) -> Axes:
             fontsize=7,
         )
     axes.axvline(good_k, color=OTHERS, linewidth=0.8, linestyle="--", zorder=0)
-    axes.set_yticks(range(len(names)), names)
+    axes.set_yticks(range(len(names)), [short(name, names) for name in names])
     axes.set_ylim(len(names) - 0.5, -0.5)
     axes.set_xlabel("Pareto k of the training taps looked at: median, central 50% and 95%")
     return axes
@@ -124,7 +124,7 @@ def plot_check(axes: Axes, check: xr.Dataset, names: list[str]) -> Axes:
     values: NDArray[Any] = check["replicated"].values
     for i, name in enumerate(names):
         axes.plot(values[i], np.full(values.shape[1], i), "|", color=styles[name]["color"], markersize=5, alpha=0.8)
-    axes.set_yticks(range(len(names)), names)
+    axes.set_yticks(range(len(names)), [short(name, names) for name in names])
     axes.set_ylim(len(names) - 0.5, -0.5)
     every = np.append(values[np.isfinite(values)], observed)
     margin = 0.06 * (np.ptp(every) or 1.0)

@@ -12,7 +12,7 @@ import xarray as xr
 from ...models.measurement.model import BINS
 from ...models.measurement.registry import row
 from ..experiment.settings import SHOWN_THETA
-from ..page.figure_style import short_unit
+from ..page.figure_style import unit_name
 from ..page.labelled import rows
 from ..page.numbers import versions
 from ..page.page import Row
@@ -56,8 +56,8 @@ def summarise(comparison: Comparison, settings: CompareSettings, described: Row)
         "versions": versions(_PACKAGES),
         "seed": settings.seed,
         "reference": names[0],
-        "grid": {"L": grid.L, "M": grid.M, "unit": short_unit(grid.where_unit)},
-        "units": {"what": grid.what_error_unit, "where": short_unit(grid.where_unit)},
+        "grid": {"L": grid.L, "M": grid.M, "unit": unit_name(grid.where_unit)},
+        "units": {"what": grid.what_error_unit, "where": unit_name(grid.where_unit)},
         "test_taps": comparison.test_taps,
         "models": [_model(comparison, name, settings.fit.power) for name in names],
         "refused": [{"name": name, "reason": reason} for name, reason in comparison.refused.items()],

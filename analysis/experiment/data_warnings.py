@@ -126,7 +126,15 @@ def _contents(taps: TapSet) -> NDArray[np.int64]:
 
 
 def _blocks(taps: TapSet, where: NDArray[np.intp], what: NDArray[np.intp], grid: ClassGrid) -> Iterator[str]:
-    """Sessions in which the taps of a class follow one another, for objects, positions and their pairs."""
+    for name, sessions in blocks_of(taps, where, what, grid).items():
+        yield (
+            f"Recorded in blocks: in session{'s' * (len(sessions) > 1)} {', '.join(map(str, sessions))} the taps of "
+            f"each {name} are consecutive, so slow sensor drift alone can reveal the {name}."
+        )
+
+
+def blocks_of(taps: TapSet, where: NDArray[np.intp], what: NDArray[np.intp], grid: ClassGrid) -> dict[str, list[int]]:
+    """Sessions in which the taps of a class follow one another, for objects, positions and, only alone, their pairs."""
     pair = np.where((where >= 0) & (what >= 0), where * grid.M + what, -1)
     found: dict[str, list[int]] = {}
     for name, classes in (("object", what), ("position", where), ("(position, object) class", pair)):
@@ -135,13 +143,9 @@ def _blocks(taps: TapSet, where: NDArray[np.intp], what: NDArray[np.intp], grid:
             order = recorded_order(taps.trial[chosen])
             if in_blocks(classes[chosen][order]):
                 found.setdefault(name, []).append(session)
-    for name, sessions in found.items():
-        if name == "(position, object) class" and len(found) > 1:
-            continue  # follows from the blocks of objects or positions in most recordings
-        yield (
-            f"Recorded in blocks: in session{'s' * (len(sessions) > 1)} {', '.join(map(str, sessions))} the taps of "
-            f"each {name} are consecutive, so slow sensor drift alone can reveal the {name}."
-        )
+    if len(found) > 1:
+        found.pop("(position, object) class", None)  # follows from the others in most recordings
+    return found
 
 
 def recorded_order(trial: NDArray[np.int64]) -> NDArray[np.intp]:

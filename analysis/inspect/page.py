@@ -7,14 +7,19 @@ import numpy as np
 from ..page.page import Brief, Cautions, Page, Table
 from .run import Inspection
 
+ANSWERS = "What can these data show?"
 _ROWS, _COLUMNS = 40, 8  # a larger grid of cells is condensed to its smallest, middle and largest count
 
 
 def inspection_page(inspection: Inspection, title: str = "") -> Page:
-    """Sizes and ranges, taps per cell, then the warnings."""
+    """Sizes and ranges, taps per cell, the warnings, then what the data can show."""
     overview = Table((), [*overview_lines(inspection)], title, words={1})
     found = Cautions(inspection.warnings) if inspection.warnings else "No data-quality warnings."
-    return Page(title, [Brief(overview), Brief(_counts(inspection)), Brief(found)], [])
+    return Page(title, [Brief(overview), Brief(_counts(inspection)), Brief(found), Brief(_answers(inspection))], [])
+
+
+def _answers(inspection: Inspection) -> Table:
+    return Table(["question", "answer", "why"], [*inspection.answers], ANSWERS, words={1, 2})
 
 
 def overview_lines(inspection: Inspection) -> Iterator[tuple[str, str]]:

@@ -16,7 +16,7 @@ from .run import Inspection, inspect_taps
 
 @dataclass(frozen=True, eq=False, repr=False)
 class InspectionReport(Report):
-    """Sizes, ranges and data-quality warnings of a tap set.
+    """Sizes, ranges and data-quality warnings of a tap set, and which questions it can answer.
 
     Attributes:
         found: All results.
@@ -35,6 +35,15 @@ class InspectionReport(Report):
     def warnings(self) -> tuple[str, ...]:
         """Data-quality warnings, one sentence each."""
         return self.found.warnings
+
+    @property
+    def answers(self) -> xr.Dataset:
+        """Which questions the taps can answer: `answer` ("yes", "partly" or "no") and `why`, dim question."""
+        found = self.found.answers
+        return xr.Dataset(
+            {"answer": ("question", [one.answer for one in found]), "why": ("question", [one.why for one in found])},
+            {"question": [one.question for one in found]},
+        )
 
     @property
     def counts(self) -> xr.DataArray:
@@ -60,7 +69,7 @@ class InspectionReport(Report):
 def inspect(
     data: TapSource, where_cell: str | None = None, what_cell: str | None = None, missing: Missing | None = None
 ) -> InspectionReport:
-    """Sizes, ranges and data-quality warnings of taps.
+    """Sizes, ranges and data-quality warnings of taps, and which questions they can answer.
 
     >>> import solidtouch as st
     >>> taps, _ = st.simulate("paper", sessions=2, seed=4)
@@ -69,6 +78,8 @@ def inspect(
     40
     >>> [sentence.partition(":")[0] for sentence in report.warnings]
     ['There is only one session', 'Recorded in blocks']
+    >>> report.answers["answer"].sel(question=["single taps", "new sessions"]).values.tolist()
+    ['yes', 'no']
 
     Args:
         data: A tap set or its file.

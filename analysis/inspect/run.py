@@ -12,6 +12,7 @@ from ...models.preprocessing import Preprocessing
 from ...models.splits import missing_sentence
 from ...models.taps import TapSet
 from ..experiment.data_warnings import data_warnings
+from .questions import QuestionAnswer, answers
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,6 +34,7 @@ class Inspection:
         preprocessing: What was done to the samples: the fields of the record that are not their default.
         attributes: Sensor, source, licence and the further arrays.
         warnings: What may mislead, one sentence each.
+        answers: Which questions the recording can answer.
     """
 
     size: tuple[int, int, int]
@@ -49,12 +51,14 @@ class Inspection:
     preprocessing: dict[str, Any]
     attributes: dict[str, str]
     warnings: tuple[str, ...]
+    answers: tuple[QuestionAnswer, ...]
 
 
 def inspect_taps(taps: TapSet, grid: ClassGrid) -> Inspection:
     """The facts about a tap set, its taps counted in the classes of `grid`."""
     sessions = np.unique(taps.session)
     low, high = taxel_ranges(taps.extremes)
+    counts = count_taps(taps, grid)
     extra = [str(name) for name in taps.dataset.data_vars if name != "taps"]
     attributes = {name: str(taps.dataset.attrs.get(name, "")) for name in ("sensor", "source", "licence")}
     return Inspection(
@@ -63,7 +67,7 @@ def inspect_taps(taps: TapSet, grid: ClassGrid) -> Inspection:
         where_label=_places(grid),
         what_label=grid.what_name,
         where_unit=grid.where_unit,
-        counts=count_taps(taps, grid),
+        counts=counts,
         low=low,
         high=high,
         units=taps.dataset["taps"].attrs.get("units", ""),
@@ -72,6 +76,7 @@ def inspect_taps(taps: TapSet, grid: ClassGrid) -> Inspection:
         preprocessing=_chosen(taps.preprocessing),
         attributes={**attributes, "further arrays": ", ".join(extra)},
         warnings=tuple(filter(None, (missing_sentence([taps], "taps"), *data_warnings(taps, grid)))),
+        answers=answers(taps, grid, counts),
     )
 
 

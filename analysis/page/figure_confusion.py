@@ -53,7 +53,7 @@ def plot_confusion(axes: Axes, table: ArrayLike, labels: Sequence[str]) -> AxesI
     M = len(labels)
     image = axes.imshow(share, cmap="Blues", vmin=0, vmax=1)
     shown = range(0, M, 1 if M <= _NUMBERS_UP_TO else -(-M // 16))
-    names = [short(labels[m]) for m in shown]
+    names = [short(labels[m], labels) for m in shown]
     slant = {"rotation": 45, "ha": "right", "rotation_mode": "anchor"} if every(names, 30) > 1 else {}
     axes.set_xticks(shown, names, **slant)
     axes.set_yticks(shown, names)

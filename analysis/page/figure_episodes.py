@@ -80,8 +80,8 @@ def class_label(grid: ClassGrid, index: int) -> str:
     """A joint class in words, such as `"8 mm rod at 7.5 mm"`; `index` counts over (L, M) flattened."""
     l, m = np.unravel_index(index, grid.shape)
     if grid.L == 1:
-        return short(grid.what_name[m])
-    return f"{short(grid.what_name[m])} at {grid.where_label(int(l))}"
+        return short(grid.what_name[m], grid.what_name)
+    return f"{short(grid.what_name[m], grid.what_name)} at {short(grid.where_label(int(l)))}"
 
 
 @styled

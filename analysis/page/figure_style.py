@@ -8,10 +8,10 @@ state.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from functools import cache, wraps
+from functools import cache, partial, wraps
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -195,16 +195,66 @@ def save(figure: Figure | Drawing, folder: str | Path, name: str, most: float = 
     return svg, png
 
 
-def short(name: str) -> str:
-    """A name for labels, at most 28 characters, with squares for those that the font lacks."""
-    name = name if len(name) <= _MOST_LETTERS else f"{name[: _MOST_LETTERS - 9]}…{name[-8:]}"
+def short(name: str, among: Iterable[str] = ()) -> str:
+    """A name for labels, at most 28 characters, with squares for those that the font lacks.
+
+    Tables hold the whole name.
+
+    >>> rods = [f"smooth aluminium rod no. {i} with a matt finish" for i in (1, 2)]
+    >>> [short(rod, rods) for rod in rods]
+    ['smooth a…no. 1 with a…finish', 'smooth a…no. 2 with a…finish']
+
+    Args:
+        name: The name.
+        among: All names beside which it stands; those that are different stay so.
+    """
+    name = _shortened(name, tuple(dict.fromkeys([*among, name])))
     name = "".join(each if ord(each) in _letters() else "\N{WHITE SQUARE}" for each in name)
     return f"\N{ZERO WIDTH SPACE}{name}" if name.startswith("_") else name  # legends leave out what begins with it
 
 
+@cache
+def _shortened(name: str, among: tuple[str, ...]) -> str:
+    if len(name) <= _MOST_LETTERS:
+        return name
+    long = [each for each in among if len(each) > _MOST_LETTERS]
+    for way in (_without_middle, partial(_around, at=_alike(long)), partial(_from_most_similar, among=long)):
+        found = [way(each) if len(each) > _MOST_LETTERS else each for each in among]
+        if len(set(found)) == len(found):
+            return way(name)
+    number = f" ({among.index(name) + 1})"
+    return _without_middle(name, _MOST_LETTERS - len(number)) + number
+
+
+def _without_middle(name: str, letters: int = _MOST_LETTERS) -> str:
+    return f"{name[: letters - 9]}…{name[-8:]}"
+
+
+def _around(name: str, at: int) -> str:
+    """Begin and end of a name with what stands about letter number `at`."""
+    begin = max(8, at - 4)
+    return f"{name[:8]}…{name[begin : begin + 12]}…{name[-6:]}"
+
+
+def _from_most_similar(name: str, among: Sequence[str]) -> str:
+    """The same where it first differs from the most similar other one."""
+    return _around(name, max((_alike([name, other]) for other in among if other != name), default=0))
+
+
+def _alike(names: Sequence[str]) -> int:
+    """How many letters all names begin with alike."""
+    columns = zip(*names, strict=False)
+    return next((at for at, letters in enumerate(columns) if len(set(letters)) > 1), min(map(len, names)))
+
+
+def unit_name(unit: str) -> str:
+    """A unit up to its first comma, semicolon or bracket, for tables."""
+    return re.split("[,;(]", unit, maxsplit=1)[0].strip()
+
+
 def short_unit(unit: str) -> str:
-    """A unit up to its first comma, semicolon or bracket, for labels."""
-    return short(re.split("[,;(]", unit, maxsplit=1)[0].strip())
+    """The same for labels of figures, at most 28 characters."""
+    return short(unit_name(unit))
 
 
 def axis_label(quantity: str, unit: str) -> str:

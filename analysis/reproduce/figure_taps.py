@@ -60,7 +60,7 @@ def plot_pressure(axes: Axes, taps: TapSet, what: int, palette: list[Any]) -> Ax
         axes.plot(x, y[:, k], color=palette[k], linewidth=0.6, rasterized=True)
     axes.set_xlim(0, max(float(x[-1]), 1e-9))
     axes.set_ylabel(axis_label("sensor reading", taps.dataset["taps"].attrs.get("units", "")))
-    axes.set_title(f"{short(taps.what_name[what])}, {n} taps")
+    axes.set_title(f"{short(taps.what_name[what], taps.what_name)}, {n} taps")
     _position_axis(axes, chosen)
     return axes
 

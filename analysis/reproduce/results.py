@@ -19,7 +19,7 @@ from ..experiment.policies import Outcomes
 from ..experiment.settings import ExperimentSettings
 from ..experiment.study import Study
 from ..page.figure_episodes import BeliefCase
-from ..page.figure_style import short_unit
+from ..page.figure_style import unit_name
 from ..page.labelled import labelled, with_units
 from ..page.stages import StageClock
 from ..stats import metrics
@@ -240,7 +240,7 @@ def _decisions(curves: dict[str, xr.Dataset], grid: ClassGrid) -> xr.Dataset:
 
 
 def _units(grid: ClassGrid) -> dict[str, str]:
-    return {"what_error": grid.what_error_unit, "where_error": short_unit(grid.where_unit), "taps": "taps"}
+    return {"what_error": grid.what_error_unit, "where_error": unit_name(grid.where_unit), "taps": "taps"}
 
 
 def curve_rows(policy: str, curve: xr.Dataset) -> list[PolicyRow]:

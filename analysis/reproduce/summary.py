@@ -15,7 +15,7 @@ from ...models.taps import TapSet
 from ..experiment.crosscheck import CrossCheck
 from ..experiment.data_warnings import FEW, fold_warnings
 from ..experiment.settings import ExperimentSettings
-from ..page.figure_style import short_unit
+from ..page.figure_style import unit_name
 from ..page.numbers import versions
 from ..stats import metrics
 from ..stats.no_class_left import no_class_left_sentence
@@ -61,7 +61,7 @@ def summarise(request: Request, results: Results) -> ReproductionSummary:
             "what_name": list(grid.what_name),
             "left_out": list(results.left_out),
         },
-        "units": {"what": grid.what_error_unit, "where": short_unit(grid.where_unit)},
+        "units": {"what": grid.what_error_unit, "where": unit_name(grid.where_unit)},
         "fixation": _fixation(results),
         "headline": headline(results, settings.shown),
         "results": [row for name in ("passive", "active") if name in curves for row in curve_rows(name, curves[name])],

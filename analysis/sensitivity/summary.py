@@ -7,7 +7,7 @@ import numpy as np
 
 from ...models.grid import ClassGrid
 from ..experiment.settings import SHOWN_THETA
-from ..page.figure_style import short_unit
+from ..page.figure_style import unit_name
 from ..page.numbers import listed, versions
 from ..page.page import Row
 from ..page.report import TitleRecord
@@ -51,7 +51,7 @@ def _source(study: Sensitivity) -> Row:
         "intervals": study.scale.intervals,
         "grid": {"L": grid.L, "M": grid.M},
         "what_unit": grid.what_error_unit,
-        "where_unit": short_unit(grid.where_unit),
+        "where_unit": unit_name(grid.where_unit),
         "blind_error": blind_error(grid),
         "default": [{**_flat(study.default, policy), "policy": policy} for policy in study.scale.policies],
         "advantage": {name: as_numbers(value) for name, value in study.reference.advantage.items()},

@@ -34,7 +34,8 @@ from ...models.progress import silent
 from ...models.settings import FitSettings
 from ...models.taps import TapSet
 from ..tasks.crew import THREADS, Crew
-from .right_model import LEVEL, Beside, compare, drawn_set
+from .detection import LEVEL
+from .right_model import Beside, compare, drawn_set
 
 type Floats = NDArray[np.float64]
 

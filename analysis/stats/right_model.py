@@ -32,8 +32,6 @@ from .decided import decided_about
 type Floats = NDArray[np.float64]
 
 SIMULATIONS = 199
-LEVEL = 0.05
-"""Of a verdict in either direction, both sides together."""
 
 
 class Reference(NamedTuple):

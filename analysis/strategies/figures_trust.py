@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ..page.figure_style import ACTIVE, OTHERS, TWO_COLUMNS, colours, label_panel, new_figure, styled
+from ..page.figure_style import ACTIVE, OTHERS, TWO_COLUMNS, colours, label_panel, new_figure, short, styled
 from ..page.page import Row
 from .findings import INFORMED
 
@@ -160,7 +160,9 @@ def _missing(axes: Axes, count: int) -> None:
 
 def _trust_key(figure: Figure, sources: Sequence[Row]) -> None:
     palette = _sources(len(sources))
-    lines = [Line2D([], [], color=c, linewidth=3, label=one["name"]) for one, c in zip(sources, palette, strict=True)]
+    names = [one["name"] for one in sources]
+    labels = [short(name, names) for name in names]
+    lines = [Line2D([], [], color=c, linewidth=3, label=name) for name, c in zip(labels, palette, strict=True)]
     shown = dict.fromkeys(power["power"] for source in sources for power in source["powers"])
     marks = [
         Line2D([], [], color="black", linestyle="none", marker=_POWERS[power], label=f"power {power}")

@@ -25,7 +25,7 @@ from ...models.progress import Progress
 from ...models.seeds import data_set_seed
 from ...models.threads import check_wanted, one_blas_thread
 from ..experiment.settings import SHOWN_THETA
-from ..page.figure_style import short_unit
+from ..page.figure_style import unit_name
 from ..stats.jackknife import Means
 from ..stats.resampled_units import resampled_tables, units_of
 from ..tasks.crew import THREADS, Crew
@@ -128,7 +128,7 @@ def strategy_study(
 
 def playable(bench: StrategyData, strategies: Sequence[str], everything: bool) -> tuple[str, ...]:
     """The strategies that these data allow: those per millimetre and second need places in millimetres."""
-    in_mm = short_unit(bench.grid.where_unit) == "mm"
+    in_mm = unit_name(bench.grid.where_unit) == "mm"
     chosen = [name for name in strategies if everything or name in TRUSTED]
     return tuple(name for name in chosen if in_mm or not parse_strategy(name).per)
 

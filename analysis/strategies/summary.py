@@ -8,7 +8,7 @@ import numpy as np
 
 from ...inference.moves.control import default_fixation
 from ..experiment.settings import SHOWN_THETA
-from ..page.figure_style import short_unit
+from ..page.figure_style import unit_name
 from ..page.numbers import STORED_ONLY, versions
 from ..page.page import Row
 from ..page.report import TitleRecord
@@ -122,7 +122,7 @@ def _source(study: StrategyStudy) -> Row:
         "units": bench.units,
         "grid": {"L": grid.L, "M": grid.M, "where_value": grid.where_value.tolist(), "where_unit": grid.where_unit},
         "what_unit": grid.what_error_unit,
-        "where_unit": short_unit(grid.where_unit),
+        "where_unit": unit_name(grid.where_unit),
         "border": bench.border,
         "fixation": default_fixation(grid.L),
         "strategies": powers[0]["strategies"],

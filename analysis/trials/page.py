@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from ...inference.trials.tally import Tally
 from ...models.grid import ClassGrid
-from ..page.figure_style import axis_label, short_unit
+from ..page.figure_style import axis_label, unit_name
 from ..page.numbers import bounded
 from ..page.page import Brief, Page, Table
 from ..stats.tallied import tally_means
@@ -35,7 +35,7 @@ def tally_page(
         spread: Trials on resampled and on fresh taps; without it there are no intervals, and one row.
     """
     means = tally_means(tally, grid)
-    units = {"what_error": grid.what_error_unit, "where_error": short_unit(grid.where_unit)}
+    units = {"what_error": grid.what_error_unit, "where_error": unit_name(grid.where_unit)}
     names = [
         axis_label(name, unit) for name, unit in zip(("object error", "position error"), units.values(), strict=True)
     ]

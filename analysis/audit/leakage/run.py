@@ -32,9 +32,9 @@ from ....models.grid import ClassGrid
 from ....models.measurement.registry import fit_model
 from ....models.settings import FitSettings
 from ....models.taps import TapSet, check_compatible
+from ...experiment.before_contact import Before, before_contact, filter_memory
 from ...experiment.data_warnings import in_blocks, recorded_order
 from ...stats.metrics import CONFIDENCE
-from .before_contact import Before, before_contact
 from .words import BEFORE, OFFSET, TARED, UNJUDGED, WHOLE, Verdict, leakage_sentences, unjudged_sentence
 
 CLASSIFIERS = ("histogram", "gaussian")
@@ -42,7 +42,6 @@ SOURCES = (BEFORE, OFFSET, WHOLE, TARED)
 _MOST, _HALF = 0.75, 0.5
 _RESAMPLES = 2000
 _FEWEST = 10
-_SETTLED = 4.0  # time constants after which 2% of a step is left
 
 
 class Leakage(NamedTuple):
@@ -114,7 +113,7 @@ def leakage(train: TapSet, test: TapSet, grid: ClassGrid, seed: int = 0, pre: in
     cell = np.ravel_multi_index(test.indices(grid), grid.shape)
     chance = {name: _chance(test, grid, name, len(trained)) for name in quantities}
     told = _told(correct, chance, cell, seeds.generator(seed, seeds.Purpose.LEAKAGE))
-    former = _former_taps(train)
+    former = filter_memory(train)
     blocks = _blocks(train, test, grid, quantities)
     explains: dict[str, Verdict] = {name: _verdict(told, name, former, before, len(test)) for name in quantities}
     sentences = tuple(leakage_sentences(told, before, blocks, explains, former))
@@ -273,19 +272,6 @@ def _told(
 def _percentiles(resampled: NDArray[np.float64]) -> tuple[float, float]:
     low, high = np.quantile(resampled, [0.5 - CONFIDENCE / 2, 0.5 + CONFIDENCE / 2])
     return float(low), float(high)
-
-
-def _former_taps(taps: TapSet) -> float:
-    """Seconds for which a high-pass remembers; 0 where there is none, or it remembers half a session or more.
-
-    Such a filter forgets the slow drift that would tell blocks of classes apart, and keeps what was just touched.
-    """
-    record = taps.preprocessing
-    if not record.highpass_hz or not record.rate_hz:
-        return 0.0
-    memory = _SETTLED / (2 * np.pi * record.highpass_hz)
-    session = len(taps) / len(np.unique(taps.session)) * record.samples / record.rate_hz
-    return float(memory) if memory < session / 2 else 0.0
 
 
 def _verdict(told: xr.Dataset, name: str, former: float, before: Before, test_taps: int) -> Verdict:

@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 import xarray as xr
 
-from .before_contact import OPTION, Before
+from ...experiment.before_contact import OPTION, Before
 
 BEFORE, OFFSET, WHOLE, TARED = "before contact", "offset", "whole taps", "tared taps"
 UNJUDGED = "cannot be judged"

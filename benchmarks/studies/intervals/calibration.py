@@ -24,8 +24,9 @@ import numpy as np
 from numpy.typing import NDArray
 from solidtouch.analysis.audit.remedy_scores import BeliefEvidence, decisions, factor_of, judge
 from solidtouch.analysis.audit.verdict import calibration
+from solidtouch.analysis.stats.detection import LEVEL
 from solidtouch.analysis.stats.reliability import headline
-from solidtouch.analysis.stats.right_model import LEVEL, Beside, compare, simulate
+from solidtouch.analysis.stats.right_model import Beside, compare, simulate
 from solidtouch.analysis.stats.uniformity import rejected
 from solidtouch.hardware.simulator.model_rig import draw_session
 from solidtouch.hardware.simulator.session import simulate_session

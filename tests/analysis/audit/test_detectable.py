@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from solidtouch.analysis.audit.detectable import POWER, Design, detectable, detectable_factor, enough
-from solidtouch.analysis.stats.right_model import LEVEL
+from solidtouch.analysis.audit.detectable import Design, detectable, detectable_factor, enough
+from solidtouch.analysis.stats.detection import LEVEL, POWER
 from solidtouch.inference.trials.records import tap_table
 from solidtouch.models.errors import InputError
 from solidtouch.models.preprocessing import Preprocessing

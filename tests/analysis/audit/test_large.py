@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import xarray as xr
 from solidtouch.analysis.audit.dependence.drift import contrasts, recorded_time
-from solidtouch.analysis.audit.leakage.before_contact import leading_samples
 from solidtouch.analysis.audit.leakage.run import leakage
 from solidtouch.analysis.audit.variance.causes import split_variance
 from solidtouch.analysis.audit.variance.gains import tap_gains
+from solidtouch.analysis.experiment.before_contact import leading_samples
 from solidtouch.analysis.stats.evidence import evidence
 from solidtouch.analysis.stats.right_exponent import right_sets
 from solidtouch.models import blocks, storage

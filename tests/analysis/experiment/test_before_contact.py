@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from solidtouch.analysis.audit.leakage.before_contact import leading_samples
+from solidtouch.analysis.experiment.before_contact import leading_samples
 from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.hardware.simulator.settings import ICUB_FINGERTIP, PAPER_RODS, preset
 

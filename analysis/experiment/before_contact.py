@@ -5,11 +5,11 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ....models.blocks import ScaledSamples, TaredSamples, tared
-from ....models.errors import InputError
-from ....models.measurement.fits.priors import Taps
-from ....models.measurement.scaling import Moments
-from ....models.taps import TapSet
+from ...models.blocks import ScaledSamples, TaredSamples, tared
+from ...models.errors import InputError
+from ...models.measurement.fits.priors import Taps
+from ...models.measurement.scaling import Moments
+from ...models.taps import TapSet
 
 OPTION = "--pre"
 
@@ -19,6 +19,7 @@ type Known = Literal["--pre", "press", "contact", ""]
 _STILL = 1e-3  # of the largest squared change: 3% of the largest change
 _UNREST = 0.3
 _SURE = 0.8
+_SETTLED = 4.0  # time constants after which 2% of a step is left
 
 
 class Lead(NamedTuple):
@@ -141,3 +142,16 @@ def _between_classes(change: Taps) -> NDArray[np.float64]:
         return (mean**2).mean(axis=(0, 2))
     n = count[repeated][:, None, None]
     return (mean[repeated] ** 2 - moments.square[repeated, 0] / (n * (n - 1))).mean(axis=(0, 2))
+
+
+def filter_memory(taps: TapSet) -> float:
+    """Seconds for which a high-pass remembers; 0 where there is none, or it remembers half a session or more.
+
+    Such a filter forgets the slow drift that would tell blocks of classes apart, and keeps what was just touched.
+    """
+    record = taps.preprocessing
+    if not record.highpass_hz or not record.rate_hz:
+        return 0.0
+    memory = _SETTLED / (2 * np.pi * record.highpass_hz)
+    session = len(taps) / len(np.unique(taps.session)) * record.samples / record.rate_hz
+    return float(memory) if memory < session / 2 else 0.0
