@@ -196,7 +196,6 @@ def draw_nothing() -> None:
     drawing_of(figure)
 
 
-@styled
 def save(figure: Figure | Drawing, folder: str | Path, name: str, most: float = np.inf) -> tuple[Path, ...]:
     """Writes `name.svg` into a folder; the same figure gives the same bytes.
 
