@@ -153,7 +153,7 @@ def _traced(story: StoryFunction, batch: StoryCall, n: int, run: bool = True) ->
         seen.update(sites=sites, measure=measure_of(site["fn"]), alike=_is_alike(site))
         return site["value"], jax.tree.leaves(site["fn"])
 
-    probe = _probe(batch, n)
+    probe, swapped = _probe(batch, n), False
     try:
         with jax.enable_x64(True), numpyro.validation_enabled(False):
             program = jax.make_jaxpr(observed)(probe, batch.where, batch.what).jaxpr
@@ -162,11 +162,11 @@ def _traced(story: StoryFunction, batch: StoryCall, n: int, run: bool = True) ->
                 wrong, value = jax.jit(checked)(probe, batch.where, batch.what)
                 if beyond := wrong.get_exception():
                     raise beyond.with_traceback(beyond.traceback_info.as_python_traceback())
+                swapped = _is_swapped(story, np.asarray(value), probe)
     except InputError:
         raise
     except (Exception, SystemExit) as error:  # whatever a user's function raises
         raise InputError(f"{story.name} failed when it was tried on {n} taps{told_in(story, error)}") from error
-    swapped = run and _is_swapped(story, np.asarray(value), probe)
     return _Traced(swapped=swapped, looks_back=_looks_back(program), **seen)
 
 
