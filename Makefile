@@ -61,6 +61,7 @@ audit-studies: $(VENV)/.ready-run
 	@$(PY) -m benchmarks.studies.audit.drift --document docs/explanation/audit-studies.md
 	@$(PY) -m benchmarks.studies.audit.causes --document docs/explanation/audit-studies.md
 	@$(PY) -m benchmarks.studies.audit.guarantees --document docs/explanation/audit-studies.md
+	@$(PY) -m benchmarks.studies.audit.bounds --document docs/explanation/audit-studies.md
 	@$(PY) -m benchmarks.studies.audit.target --document docs/explanation/audit-studies.md
 	@$(PY) -m benchmarks.studies.audit.first_look --document docs/how-to/recording.md
 	@$(PY) -m benchmarks.studies.audit.sets --document docs/how-to/audit.md $(if $(RECORDED),--recorded "$(RECORDED)")

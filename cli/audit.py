@@ -90,11 +90,11 @@ def audit(
         trials, permutations = min(trials, _QUICK_TRIALS), min(permutations, _QUICK_PERMUTATIONS)
     with loading():
         from ..analysis.audit.report import audit as study
-        from ..analysis.page.html import drawing_ahead
+        from ..analysis.page.ahead import drawing_ahead
     from .shared.progress import bars
 
     folder = report_folder(out, force, "audit")
-    with bars() as progress, drawing_ahead():
+    with drawing_ahead(), bars() as progress:
         report = study(
             *files,
             target_error=target_error,

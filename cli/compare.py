@@ -77,12 +77,12 @@ def compare(
         folds = min(folds, 1 if leave_out == "session" else _QUICK_FOLDS)
     with loading():
         from ..analysis.compare.report import compare as study
-        from ..analysis.page.html import drawing_ahead
+        from ..analysis.page.ahead import drawing_ahead
     from .shared.progress import bars
 
     names = NAMES if models == "all" else [name.strip() for name in models.split(",")]
     folder = report_folder(out, force, "compare")
-    with bars() as progress, drawing_ahead():
+    with drawing_ahead(), bars() as progress:
         report = study(
             *data,
             models=names,

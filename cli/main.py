@@ -9,7 +9,7 @@ from importlib.metadata import version as installed_version
 from typing import Annotated, Any, NoReturn
 
 from .shared.interrupt import INTERRUPTED, MESSAGE, TERMINATED, loading, repeated, terminable
-from .shared.process import collect_seldom, keep_programs, leave
+from .shared.process import collect_seldom, keep_programs, leave, switch_often
 
 with loading():
     import typer
@@ -96,6 +96,7 @@ def program() -> None:
     """`run` as a process of its own."""
     keep_programs()
     collect_seldom()
+    switch_often()
     code: Any = 0
     try:
         run()

@@ -4,16 +4,21 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
+from ..page.ahead import later
 from ..page.figure_confusion import confusion
 from ..page.numbers import bounded, factor, interval, number, percent
 from ..page.page import Block, Brief, Cautions, Listing, Note, Page, Picture, Row, Section, Table, Verbatim
-from . import figures, figures_reliability
-from .figures_checks import figure_checks
 from .run import Audit
 from .summary import seen
 
 if TYPE_CHECKING:
     import xarray as xr
+
+    from . import figures, figures_checks, figures_reliability
+else:  # they load matplotlib
+    figures, figures_checks, figures_reliability = later(
+        __package__, "figures", "figures_checks", "figures_reliability"
+    )
 
 _QUANTITIES = {"gain": "gain", "offset": "offset (unit of the samples)"}
 _COMPONENTS = {"session": "session", "mounting": "class of a session", "tap": "tap"}
@@ -76,7 +81,7 @@ def _where(audit: Audit, summary: Row) -> Iterator[Block]:
         "Posterior predictive checks of the naive-Bayes model",
         "Statistics of the taps (vertical lines, orange where they lie outside all replicates) and of replicates "
         "drawn from histograms fitted to them.",
-        partial(figure_checks, audit.checks),
+        partial(figures_checks.figure_checks, audit.checks),
     )
     made = (
         "Each statistic is computed for the taps and for replicates drawn from histograms fitted to them. A value "

@@ -9,7 +9,7 @@ share the resamples of the taps, see `inference.trials.resampling`.
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -36,12 +36,17 @@ from ...models.measurement.model import TapModel
 from ...models.setting_file import Setting
 from ...models.taps import TapSet
 from ...models.threads import cores, in_order
-from ..page.html import draw_ahead
+from ..page.ahead import draw_ahead, later
 from ..page.page import Row
 from ..stats.decisions import at_equal_taps, play_models, spread_of
 from ..stats.reliability import THETAS, headline, reliability
 from ..stats.right_model import SIMULATIONS, Beside, compare, exact, reference_factors
 from .remedies import Remedy
+
+if TYPE_CHECKING:
+    from . import figures_reliability
+else:  # it loads matplotlib
+    (figures_reliability,) = later(__package__, "figures_reliability")
 
 _SEQUENCES, _RESAMPLE_SEQUENCES = 20, 6  # of each class, at least; the latter even, for halves
 _ROUGH_RESAMPLES, _ROUGH_TRIALS = 20, 200
@@ -210,8 +215,6 @@ def measure(
 
 def _figures(reliable: xr.Dataset) -> Iterator[partial[Any]]:
     """Figures of the setting as it is."""
-    from . import figures_reliability  # noqa: PLC0415 - loads matplotlib beside the trials
-
     yield partial(figures_reliability.reliability_after_taps, reliable)
     yield partial(figures_reliability.reliability_at_stopping, reliable)
 

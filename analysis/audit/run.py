@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -21,7 +21,7 @@ from ...models.taps import TapSet, concatenate
 from ...models.threads import one_blas_thread, other_threads
 from ..experiment.before_contact import check_pre
 from ..experiment.parts import AuditParts
-from ..page.html import draw_ahead
+from ..page.ahead import draw_ahead, later
 from ..page.stages import StageClock
 from ..stats.evidence import evidence
 from ..stats.reliability import THETAS
@@ -45,6 +45,13 @@ from .variance.gains import Components, import_samplers, variance_components
 from .variance.split import session_p
 from .variance.suspects import Suspect, named_suspects
 from .verdict import NOT_ENOUGH, calibration
+
+if TYPE_CHECKING:
+    from . import figures, figures_checks, figures_reliability
+else:  # they load matplotlib
+    figures, figures_checks, figures_reliability = later(
+        __package__, "figures", "figures_checks", "figures_reliability"
+    )
 
 SESSION_PERMUTATIONS = 999
 """Of the test of sessions at least: with few its p-value never falls below the level at which sessions are named."""
@@ -220,6 +227,7 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
                 resamples=settings.resamples,
                 simulations=settings.simulations,
             )
+    draw_ahead([partial(figures.remedies, measured)])
     (split, no_split, p), (promised, broken) = parted.result(), promises.result()
     with clock.stage("Tuning thresholds", 2) as advance:
         recalibrated = recalibrate(base, parts, settings.trials, seed)
@@ -261,8 +269,6 @@ def _figures(
     promises: Future[tuple[xr.Dataset, dict[str, PromiseTest]]],
 ) -> Iterator[partial[Any]]:
     """Figures of stages that end before the last one, in their order."""
-    from . import figures, figures_checks, figures_reliability  # noqa: PLC0415 - loads matplotlib beside those stages
-
     yield partial(figures.leakage, leaks.result())
     yield partial(figures.taxel_map, taxels.result())
     yield partial(figures.times, times.result(), parts.train.preprocessing.rate_hz)

@@ -26,7 +26,7 @@ from ...models.progress import Progress, ShownHere
 from ...models.settings import FitSettings, PlaySettings
 from ...models.taps import TapSet
 from ...models.threads import cores, in_order, one_blas_thread
-from ..page.html import draw_ahead
+from ..page.ahead import draw_ahead
 from ..page.stages import StageClock
 from ..stats.checks import REPLICATES, predictive_checks
 from ..stats.decisions import at_equal_taps, decision_curves, planned, play_models

@@ -147,10 +147,17 @@ def new_figure(
 
 
 class Drawing(NamedTuple):
-    """A figure and its SVG, the same bytes for the same figure."""
+    """A figure in files.
 
-    figure: Figure
+    Attributes:
+        svg: Its SVG, the same bytes for the same figure.
+        inches: Its width.
+        png: Draws it in pixels, 200 dpi.
+    """
+
     svg: bytes
+    inches: float
+    png: Callable[[], bytes]
 
 
 @styled
@@ -165,10 +172,30 @@ def drawing_of(figure: Figure) -> Drawing:
         figure.set_layout_engine(None)  # with an engine a figure is drawn twice
     file = BytesIO()
     figure.savefig(file, format="svg", dpi=300, metadata={"Date": None, "Creator": "solidtouch"})
-    return Drawing(figure, file.getvalue())
+    return Drawing(file.getvalue(), figure.get_figwidth(), partial(_pixels, figure))
 
 
 @styled
+def _pixels(figure: Figure) -> bytes:
+    file = BytesIO()
+    figure.savefig(file, format="png", dpi=_PNG_DPI)
+    return file.getvalue()
+
+
+def drawn(draw: Callable[[], Figure | None]) -> Drawing | None:
+    """Draws the figure that a function makes, if it makes one."""
+    figure = draw()
+    return None if figure is None else drawing_of(figure)
+
+
+@styled
+def draw_nothing() -> None:
+    """Loads what drawing needs."""
+    figure, axes = new_figure(1, 1)
+    axes[0, 0].set_title("0")
+    drawing_of(figure)
+
+
 def save(figure: Figure | Drawing, folder: str | Path, name: str, most: float = np.inf) -> tuple[Path, ...]:
     """Writes `name.svg` into a folder; the same figure gives the same bytes.
 
@@ -191,7 +218,7 @@ def save(figure: Figure | Drawing, folder: str | Path, name: str, most: float = 
     if len(drawing.svg) <= most:
         return (svg,)
     with complete_file(png, force=True) as temporary:
-        drawing.figure.savefig(temporary, format="png", dpi=_PNG_DPI)
+        temporary.write_bytes(drawing.png())
     return svg, png
 
 

@@ -2,11 +2,7 @@
 
 import base64
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Executor, Future
-from contextlib import contextmanager, suppress
-from contextvars import ContextVar
-from functools import partial
+from collections.abc import Callable, Mapping, Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,13 +12,12 @@ from jinja2 import Environment, StrictUndefined, Template
 from markupsafe import Markup
 
 from ...models.errors import InputError
-from ...models.threads import other_threads
-from .figure_style import Drawing, drawing_of, save
+from .ahead import drawn_ahead, key_of
+from .figure_style import drawn, save
 from .page import Page, Picture, brief, spans
 
 _IMAGE_BYTES = 4_000_000  # of all figures together; base64 adds a third
 _ELEMENTS = {"": Markup("{0}"), "strong": Markup("<strong>{0}</strong>"), "code": Markup("<code>{0}</code>")}
-_Drawings = dict[tuple[Any, ...], tuple[Any, Drawing | None]]
 _LINK = Markup('<a href="{1}">{0}</a>')
 
 
@@ -55,65 +50,19 @@ def write_page(
     (folder / "report.html").write_text(render_page(page, images), encoding="utf-8")
 
 
-_AHEAD: ContextVar[tuple[Executor, list[Future[_Drawings]]] | None] = ContextVar("ahead", default=None)
-
-
-@contextmanager
-def drawing_ahead() -> Iterator[None]:
-    """Has `draw_ahead` draw figures of the report that is made and saved in the block."""
-    with other_threads(1) as thread:
-        token = _AHEAD.set((thread, []))
-        try:
-            yield
-        finally:
-            _AHEAD.reset(token)
-
-
-def draw_ahead(draws: Iterable[partial[Any]]) -> None:
-    """Draws figures of a page on another thread while the study goes on, if it runs in `drawing_ahead`.
-
-    Args:
-        draws: As in `Picture.draw`, with the same arguments; taken on that thread, so they may wait for them.
-    """
-    ahead = _AHEAD.get()
-    if ahead is not None:
-        thread, begun = ahead
-        begun.append(thread.submit(_all_drawn, draws))
-
-
-def _all_drawn(draws: Iterable[partial[Any]]) -> _Drawings:
-    drawings = _Drawings()
-    for draw in draws:
-        with suppress(Exception):  # drawn again for the page, which says why it fails
-            drawings[_key(draw)] = draw, _drawn(draw)
-    return drawings
-
-
-def _key(draw: Callable[[], Any]) -> tuple[Any, ...]:
-    """A function with its arguments, which need not be hashable."""
-    return (draw.func, *map(id, draw.args)) if isinstance(draw, partial) else (draw,)
-
-
-def _drawn(draw: Callable[[], Any]) -> Drawing | None:
-    figure = draw()
-    return None if figure is None else drawing_of(figure)
-
-
 def draw_pictures(
     folder: Path, pictures: Sequence[Picture], advance: Callable[[int], object]
 ) -> dict[str, Image | str]:
     """Writes figures into a folder, and returns them for a page by name, or why one could not be drawn."""
     images: dict[str, Image | str] = {}
-    known, ahead = _Drawings(), _AHEAD.get()
-    for drawings in () if ahead is None else ahead[1]:  # all, as matplotlib draws on one thread at a time
-        known |= drawings.result()
+    known = drawn_ahead()
     for picture in pictures:
         try:
-            key = _key(picture.draw)
-            drawn = known[key][1] if key in known else _drawn(picture.draw)
-            if drawn is not None:
-                files = save(drawn, folder, picture.name, _IMAGE_BYTES // len(pictures))
-                images[picture.name] = embedded(files, round(96 * drawn.figure.get_figwidth()))
+            key = key_of(picture.draw)
+            drawing = known[key][1] if key in known else drawn(picture.draw)
+            if drawing is not None:
+                files = save(drawing, folder, picture.name, _IMAGE_BYTES // len(pictures))
+                images[picture.name] = embedded(files, round(96 * drawing.inches))
         except InputError:  # of the folder
             raise
         except Exception as error:  # a figure must not cost the results

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from ...models.errors import InputError
 from ...models.progress import Progress, no_progress
 from ...models.storage import complete_folder
+from .ahead import draw_ahead
 from .figure_style import drawn_into
 from .html import draw_pictures, render_brief, write_page
 from .page import Page, Picture
@@ -119,6 +120,7 @@ class StudyReport(Report):
             InputError: The folder cannot be written.
         """
         page = self.page
+        draw_ahead(picture.draw for picture in page.pictures)
         with complete_folder(folder, force) as temporary:
             self._write_more(temporary)
             images = draw_pictures(temporary, page.pictures, progress("Drawing figures", len(page.pictures)))

@@ -46,6 +46,11 @@ def collect_seldom() -> None:
     gc.set_threshold(200_000, 50, 1000)
 
 
+def switch_often() -> None:
+    """Makes threads of Python take turns each millisecond: those back from compiled loops would wait five."""
+    sys.setswitchinterval(0.001)
+
+
 def cache_folder() -> Path:
     """Folder of programs for this processor; machine code for another one could not run here."""
     home = Path.home()

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from rich.progress import Progress
 
+_REFRESHES = 4  # in a second
 LINE_S = 30.0
 """Time in seconds between two lines of progress without a terminal."""
 
@@ -26,7 +27,9 @@ def progress_bars() -> "Progress":
 
     times = (TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
     columns = (TextColumn("{task.description:32}"), BarColumn(8), MofNCompleteColumn(), *times)
-    return Progress(*columns, console=Console(stderr=True))
+    console = Console(stderr=True)
+    # Each refresh takes the time of a short task of a study; without a terminal nothing would be shown.
+    return Progress(*columns, console=console, refresh_per_second=_REFRESHES, auto_refresh=console.is_terminal)
 
 
 @contextmanager

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.testing import assert_array_equal
 
-from benchmarks.studies.audit import drift, levels
+from benchmarks.studies.audit import bounds, drift, levels
 
 
 def test_a_common_mode_is_found_across_taxels_and_in_time():
@@ -55,3 +55,17 @@ def test_an_operator_that_acts_is_a_row_of_its_own():
     assert outcome[0][0] <= 0.01
     assert outcome[1] == "covariate operator"
     assert "| 1 | 0 | 0 | 1 | 1.000" in drift.suspect_page({one: [outcome]})
+
+
+def test_bounds_are_compared_with_as_many_data_sets_as_each_test_takes():
+    """What lies far above all of them is found by both tests, alone and as that of all objects."""
+    right = np.random.default_rng(0).normal(size=(400, 6))
+    observed = np.zeros((10, 6))
+    observed[:4, 3] = 9.0
+    observed[8:, 0] = 9.0
+    found = bounds.rejections(observed, right)
+
+    assert list(found) == [*bounds.SIMULATIONS]
+    for any_bound, of_all in found.values():
+        assert any_bound.tolist() == [True] * 4 + [False] * 4 + [True] * 2
+        assert of_all.tolist() == [False] * 8 + [True] * 2

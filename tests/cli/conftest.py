@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import pytest
-from solidtouch.analysis.page import html
+from solidtouch.analysis.page import figure_style
 from solidtouch.analysis.page.figure_style import Drawing
 from solidtouch.analysis.trials import spread
 from solidtouch.cli.main import run
@@ -49,4 +49,4 @@ def sketched(monkeypatch) -> None:
     What figures look like is tested beside the code that draws them.
     """
 
-    monkeypatch.setattr(html, "drawing_of", lambda figure: Drawing(figure, b"<svg/>"))
+    monkeypatch.setattr(figure_style, "drawing_of", lambda figure: Drawing(b"<svg/>", figure.get_figwidth(), bytes))

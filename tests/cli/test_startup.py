@@ -108,6 +108,20 @@ def test_fit_loads_no_jax(ran, model):
     assert not ran[model].modules & {"jax", "numpyro", "matplotlib"}
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems draw on a thread")
+def test_another_process_draws_the_figures_of_an_audit(tmp_path, make_taps):
+    """This one does not even load what draws them."""
+    make_taps(sessions=2, repeats=8).save(tmp_path / "taps.nc")
+    words = ["audit", str(tmp_path / "taps.nc"), "--quick", "--bins", "10", "--out", str(tmp_path / "audit")]
+    audit = run_all({"audit": words})["audit"]
+
+    assert audit.code == 0
+    assert (tmp_path / "audit" / "remedies.svg").exists()
+    assert "numba" in audit.modules
+    assert not audit.modules & {"matplotlib", "jax"}
+
+
 def test_a_program_that_has_loaded_xarray_can_run_a_command(data):
     """xarray has found dask by then, which is not hidden from it any more."""
     inspect = run_all({"inspect": ["inspect", str(data)]}, before="import xarray")["inspect"]

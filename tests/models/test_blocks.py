@@ -75,7 +75,7 @@ def same_arrays(model, other, rtol=0.0):
 @pytest.mark.parametrize("value_range", ["global", "taxel"])
 def test_histograms_are_the_same(on_disk, make_taps, value_range):
     """With edges, digests and novelty scores, where some taps are outside the grid and classes in no order."""
-    taps = make_taps()
+    taps = make_taps(repeats=3)
     taps = taps.select(np.random.default_rng(3).permutation(len(taps)))
     grid = taps.grid().select(range(2), [0, 2, 3])
     settings = FitSettings(bins=9, value_range=value_range)
@@ -104,7 +104,7 @@ def test_sums_of_blocks_make_the_same_model(on_disk, given_prior, make_taps, nam
 
 def test_both_covariances_are_found_in_blocks(on_disk, make_taps):
     """Every round of the ascent goes through all taps, twice; sums differ by rounding."""
-    taps = make_taps(repeats=2)
+    taps = make_taps(L=2, M=2, repeats=2)
     taps = taps.select(np.random.default_rng(3).permutation(len(taps)))
     expected = fitted(taps, "matrix-normal")
 
@@ -164,7 +164,7 @@ def test_sums_leave_missing_samples_out(on_disk, given_prior, make_taps, name):
 
 def test_missing_samples_are_left_out_alike(on_disk, make_taps):
     """A dead taxel, an empty tap and gaps everywhere."""
-    taps = with_gaps(make_taps())
+    taps = with_gaps(make_taps(repeats=3))
     expected, told = fitted(taps), missing_sentence([taps], "taps")
     known = training_taps(taps.select(slice(0, 50)), expected.training)
     large = on_disk(taps, "drop")
@@ -177,7 +177,7 @@ def test_missing_samples_are_left_out_alike(on_disk, make_taps):
 @pytest.mark.parametrize("name", ["histogram", "gaussian", "profile"])
 def test_tables_of_trials_are_the_same(on_disk, make_taps, name):
     """Likelihoods of test taps are computed from blocks, in the order of the taps, also with missing samples."""
-    taps = with_gaps(make_taps())
+    taps = with_gaps(make_taps(repeats=3))
     model = fitted(taps.select(taps.session == 0), name)
     expected = tap_table(model, taps)
     found = tap_table(model, on_disk(taps, "drop"))
@@ -240,11 +240,11 @@ def test_a_selection_is_written_on_disk(on_disk, make_taps, tmp_path):
 
 def test_recordings_are_joined_on_disk(on_disk, make_taps, tmp_path):
     """A large one behind a small one in single precision: written, selected and fitted as those in memory are."""
-    small, taps = make_taps(sessions=1, seed=3), make_taps(sessions=1)
+    small, taps = make_taps(sessions=1, repeats=2, seed=3), make_taps(sessions=1, repeats=2)
     small = TapSet(small.dataset.assign(taps=small.dataset["taps"].astype(np.float32)))
     expected = joined([small, taps], ["a", "b"])
     expected.save(tmp_path / "expected.nc")
-    model, index = fitted(expected, "session:histogram"), np.random.default_rng(0).permutation(len(expected))[:50]
+    model, index = fitted(expected, "session:histogram"), np.random.default_rng(0).permutation(len(expected))[:30]
     chosen = expected.taps[index]
 
     large = joined([small, on_disk(taps)], ["a", "b"])

@@ -211,10 +211,14 @@ def _half_p(
 
 
 def _permuted(values: NDArray[np.float64], groups: NDArray[np.intp], keys: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Values (n,) in the order of each row of keys (R, n) within their groups, shape (R, n)."""
+    """Values (n,) in the order of each row of keys (R, n), from 0 to 1, within their groups, shape (R, n).
+
+    A row of zeros leaves them in place.
+    """
     order = np.argsort(groups, kind="stable")
     result = np.empty(keys.shape)
-    result[:, order] = values[np.lexsort((keys, np.broadcast_to(groups, keys.shape)), axis=-1)]
+    result[:, order] = values[np.argsort(groups + keys, axis=-1)]  # half the time of sorting by two keys
+    result[~keys.any(axis=-1)] = values
     return result
 
 

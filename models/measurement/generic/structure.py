@@ -68,7 +68,8 @@ def structure_of(story: StoryFunction, batch: StoryCall, sessions: int = 1) -> S
         InputError: The function fails, has no site `taps` or one of another shape, or latent variables that cannot be
             fitted.
     """
-    few, more = (_traced(story, _some(batch, n), n) for n in (2, 3))
+    few = _traced(story, _some(batch, 2), 2, run=False)  # the classes of two taps are among those of three
+    more = _traced(story, _some(batch, 3), 3)
     _check_rest(story, more.sites)
     latents = {name: s for name, s in more.sites.items() if s["type"] == "sample" and not s["is_observed"]}
     enumerated = []
@@ -101,7 +102,7 @@ def shapes_of(story: StoryFunction, batch: StoryCall) -> dict[str, tuple[int, ..
     Raises:
         InputError: The function fails.
     """
-    sites = _traced(story, _some(batch, 2), 2).sites
+    sites = _traced(story, _some(batch, 2), 2, run=False).sites
     latents = {name: site for name, site in sites.items() if site["type"] == "sample" and not site["is_observed"]}
     return {name: np.shape(s["value"]) for name, s in latents.items() if not s["fn"].support.is_discrete}
 
@@ -124,7 +125,7 @@ class _Traced(NamedTuple):
 
     Attributes:
         sites: Its sites by name; of their values and parameters only the shapes are known, as nothing is computed.
-        swapped: See `Structure`.
+        swapped: See `Structure`; false where it was not run.
         measure: Likewise.
         alike: Whether samples are independent and no parameter varies along a tap.
         looks_back: Whether the distribution of samples depends on samples, as in a forecast from those before.
@@ -137,10 +138,11 @@ class _Traced(NamedTuple):
     looks_back: bool
 
 
-def _traced(story: StoryFunction, batch: StoryCall, n: int) -> _Traced:
+def _traced(story: StoryFunction, batch: StoryCall, n: int, run: bool = True) -> _Traced:
     """Traces a generative model on n made-up taps, so that none of its operations is compiled.
 
-    Classes are traced, too, as they are where taps are judged under all of them.
+    Classes are traced, too, as they are where taps are judged under all of them. Where it is to `run`, what it observes
+    is compiled as a whole, and indices beyond an axis are found.
     """
     seen: dict[str, Any] = {}
 
@@ -151,19 +153,21 @@ def _traced(story: StoryFunction, batch: StoryCall, n: int) -> _Traced:
         seen.update(sites=sites, measure=measure_of(site["fn"]), alike=_is_alike(site))
         return site["value"], jax.tree.leaves(site["fn"])
 
-    probe = _probe(batch, n)
+    probe, swapped = _probe(batch, n), False
     try:
         with jax.enable_x64(True), numpyro.validation_enabled(False):
             program = jax.make_jaxpr(observed)(probe, batch.where, batch.what).jaxpr
-            checked = checkify.checkify(lambda *made: observed(*made)[0], checkify.index_checks)
-            wrong, value = jax.jit(checked)(probe, batch.where, batch.what)
-            if beyond := wrong.get_exception():
-                raise beyond.with_traceback(beyond.traceback_info.as_python_traceback())
+            if run:
+                checked = checkify.checkify(lambda *made: observed(*made)[0], checkify.index_checks)
+                wrong, value = jax.jit(checked)(probe, batch.where, batch.what)
+                if beyond := wrong.get_exception():
+                    raise beyond.with_traceback(beyond.traceback_info.as_python_traceback())
+                swapped = _is_swapped(story, np.asarray(value), probe)
     except InputError:
         raise
     except (Exception, SystemExit) as error:  # whatever a user's function raises
         raise InputError(f"{story.name} failed when it was tried on {n} taps{told_in(story, error)}") from error
-    return _Traced(swapped=_is_swapped(story, np.asarray(value), probe), looks_back=_looks_back(program), **seen)
+    return _Traced(swapped=swapped, looks_back=_looks_back(program), **seen)
 
 
 def feasible(site: dict[str, Any]) -> Any:

@@ -3,20 +3,15 @@
 import doctest
 import json
 import re
-from functools import partial
 from html.parser import HTMLParser
-from threading import get_ident
 
-import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from solidtouch.analysis.page import html
 from solidtouch.analysis.page import page as pages
 from solidtouch.analysis.page.html import (
     Image,
-    draw_ahead,
     draw_pictures,
-    drawing_ahead,
     embedded,
     render_page,
     write_page,
@@ -184,36 +179,6 @@ def test_a_figure_that_cannot_be_drawn_costs_no_other(tmp_path):
 
     assert [image["alt"] for image in page.of("img")] == ['Title. Caption "1" & more']
     assert "The figure fig0 could not be drawn: ZeroDivisionError, no <taps>" in page.text
-
-
-def test_figures_are_drawn_ahead_once_and_on_another_thread(tmp_path):
-    """Those with the same data: equal ones may be of another report."""
-    threads = []
-
-    def draw(data):
-        threads.append(get_ident())
-        return PAGE.pictures[0].draw() if data.any() else None
-
-    data, equal, empty = np.ones(2), np.ones(2), np.zeros(2)
-    pictures = [Picture(f"fig{i}", "", "", partial(draw, part)) for i, part in enumerate((data, equal, empty))]
-    draw_ahead([partial(draw, data)])
-    assert not threads
-    with drawing_ahead():
-        draw_ahead(partial(draw, part) for part in (data, empty))
-        images = draw_pictures(tmp_path, pictures, lambda _: None)
-    assert set(images) == {"fig0", "fig1"}
-    assert [thread == get_ident() for thread in threads] == [False, False, True]
-    assert (tmp_path / "fig0.svg").read_bytes() == (tmp_path / "fig1.svg").read_bytes()
-
-
-def test_a_figure_that_cannot_be_drawn_ahead_costs_no_other(tmp_path):
-    fails, works = partial(int, "x"), partial(Figure)
-    pictures = [Picture("fig0", "", "", fails), Picture("fig1", "", "", works)]
-    with drawing_ahead():
-        draw_ahead([fails, works])
-        with pytest.warns(UserWarning, match="fig0 could not be drawn: ValueError"):
-            images = draw_pictures(tmp_path, pictures, lambda _: None)
-    assert isinstance(images["fig1"], Image)
 
 
 def test_large_drawings_are_embedded_as_pixels(tmp_path):

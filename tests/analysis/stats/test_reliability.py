@@ -7,7 +7,15 @@ import numpy as np
 import pytest
 import xarray as xr
 from even_taps import even_table
-from solidtouch.analysis.audit.guarantees import PROMISED, USED, broken, exceeded, guarantee_sentence, guarantees
+from solidtouch.analysis.audit.guarantees import (
+    PROMISED,
+    USED,
+    broken,
+    exceeded,
+    guarantee_sentence,
+    guarantees,
+    of_largest,
+)
 from solidtouch.analysis.stats import reliability as reliability_module
 from solidtouch.analysis.stats.decided import decided_about, independent_decisions
 from solidtouch.analysis.stats.reliability import (
@@ -267,8 +275,36 @@ def test_promises_of_many_objects_are_simulated_often_enough(monkeypatch):
 
     active = PlaySettings(border="clamp", fixation=3, theta_x=0.2)
     assert asked == [(79, PlaySettings(border="clamp", passive=True)), (99, active)]
+    preview = exceeded(promises, right, table, "passive", 0.8, simulations=39)
+    assert asked[-1][0] == 39
+    assert preview[EVERYTHING].exceeded
+    assert preview[EVERYTHING].beside.above == 1 / 40
     assert found[EVERYTHING].beside.above == 1 / 80
     assert found[EVERYTHING].exceeded
+
+
+def test_the_largest_excess_is_tested_first_and_the_others_beside_each_other():
+    """With 19 data sets at 5% only what lies above all of them, in units of the spread of each value."""
+    reference = np.linspace(-1, 1, 19)[:, np.newaxis] * [1.0, 100.0, 1.0]
+    assert of_largest([9.0, 900.0, 0.0], reference, 0.05).tolist() == [True, True, False]
+    assert of_largest([0.9, 900.0, 0.0], reference, 0.05).tolist() == [False, True, False]
+    assert of_largest([9.0, 90.0, np.nan], reference, 0.05).tolist() == [True, False, False]
+    assert not of_largest([9.0, 900.0, 9.0], reference[1:], 0.05).any()
+    assert not of_largest([np.nan, 0.0, 0.0], np.full((19, 3), np.nan), 0.05).any()
+
+
+def test_the_largest_excess_keeps_its_level():
+    """Whatever values have to do with each other, and where one is above."""
+    rng = np.random.default_rng(3)
+    found = []
+    for _ in range(1000):
+        values = rng.normal(size=(40, 1)) + rng.exponential(size=(40, 6)) ** 2
+        values[0, 5] += 100
+        found.append(of_largest(values[0], values[1:], 0.05))
+    above = np.array(found)[:, 5].mean()
+    wrong = np.array(found)[:, :5].any(axis=1).mean()
+    assert above > 0.97
+    assert 0.02 < wrong < 0.07
 
 
 def test_promises_are_counted_as_they_are_made():

@@ -1,0 +1,144 @@
+"""Figures of a report, drawn while its study goes on: by a process of their own, or on a thread."""
+
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import CancelledError, Executor, Future
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
+from functools import partial
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from ...models.threads import other_threads
+from .drawing_process import DrawingProcess, NotDrawn, drawing_process
+
+if TYPE_CHECKING:
+    from .figure_style import Drawing
+
+type _Drawings = dict[tuple[Any, ...], tuple[Any, Drawing | None]]
+
+
+class Later(NamedTuple):
+    """A function of a module that is loaded when the function is called; equal to others of that name."""
+
+    module: str
+    name: str
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        """Calls the function."""
+        return getattr(import_module(self.module), self.name)(*args, **kwargs)
+
+
+class _LaterModule:
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def __getattr__(self, name: str) -> Later:
+        return Later(self._name, name)
+
+
+def later(package: str, *names: str) -> tuple[Any, ...]:
+    """Modules of a package, each of whose functions is a `Later`."""
+    return tuple(_LaterModule(f"{package}.{name}") for name in names)
+
+
+class _Ahead:
+    """What is drawn, and by whom."""
+
+    def __init__(self, thread: Executor, process: DrawingProcess | None) -> None:
+        self.drawings: _Drawings = {}
+        self.begun: list[Future[None]] = []
+        self._thread, self._process, self._wanted = thread, process, True
+
+    def begin(self, draws: Iterable[Callable[[], Any]]) -> None:
+        self.begun.append(self._thread.submit(self._draw, draws))
+
+    def stop(self) -> None:
+        """Draws no further figure."""
+        self._wanted = False
+        if self._process is not None:
+            self._process.kill()
+
+    def _draw(self, draws: Iterable[Callable[[], Any]]) -> None:
+        for draw in draws:
+            key = key_of(draw)
+            if key not in self.drawings:
+                with suppress(Exception):  # drawn again for the page, which says why it fails
+                    self.drawings[key] = draw, self._drawing(draw)
+
+    def _drawing(self, draw: Callable[[], Any]) -> "Drawing | None":
+        from .figure_style import Drawing, drawn  # noqa: PLC0415 - loads NumPy
+
+        process = self._process
+        if process is not None:
+            try:
+                found = process.draw(draw)
+            except NotDrawn:
+                if not self._wanted:
+                    raise CancelledError from None
+            else:
+                if found is None:
+                    return None
+                number, svg, inches = found
+                return Drawing(svg, inches, partial(_pixels, process, number, draw))
+        return drawn(draw)
+
+
+def _pixels(process: DrawingProcess, number: int, draw: Callable[[], Any]) -> bytes:
+    from .figure_style import drawing_of  # noqa: PLC0415
+
+    try:
+        return process.png(number)
+    except NotDrawn:
+        return drawing_of(draw()).png()
+
+
+_AHEAD: ContextVar[_Ahead | None] = ContextVar("ahead", default=None)
+
+
+@contextmanager
+def drawing_ahead() -> Iterator[None]:
+    """Has `draw_ahead` draw figures of the report that is made and saved in the block.
+
+    A process of their own draws them where this one has no threads yet.
+    """
+    with drawing_process() as process, other_threads(1) as thread:
+        ahead = _Ahead(thread, process)
+        token = _AHEAD.set(ahead)
+        try:
+            yield
+        except BaseException:
+            ahead.stop()
+            raise
+        finally:
+            _AHEAD.reset(token)
+
+
+def draw_ahead(draws: Iterable[Callable[[], Any]]) -> None:
+    """Draws figures of a page while the study goes on, if it runs in `drawing_ahead`.
+
+    Args:
+        draws: As in `Picture.draw`, with the same arguments; taken on another thread, so they may wait for them.
+    """
+    ahead = _AHEAD.get()
+    if ahead is not None:
+        ahead.begin(draws)
+
+
+def drawn_ahead() -> "_Drawings":
+    """What `draw_ahead` drew, with its functions by `key_of`; waits for all of it.
+
+    As matplotlib draws on one thread at a time, nothing else may be drawn before.
+    """
+    ahead = _AHEAD.get()
+    if ahead is None:
+        return {}
+    for begun in ahead.begun:
+        begun.result()
+    return ahead.drawings
+
+
+def key_of(draw: Callable[[], Any]) -> tuple[Any, ...]:
+    """A function with its arguments, which need not be hashable."""
+    if not isinstance(draw, partial):
+        return (draw,)
+    return draw.func, *map(id, draw.args), *((name, id(value)) for name, value in draw.keywords.items())
