@@ -55,7 +55,8 @@ def convert(
     if look:
         from ..models.io.layouts.look import look as looked
 
-        return typer.echo(looked(sources, how), nl=False)
+        typer.echo(looked(sources, how), nl=False)
+        return
     *sources, target = sources
     if not sources:
         raise InputError(f"{target}: name the recordings and the .nc file to write, or --look to see what is there.")

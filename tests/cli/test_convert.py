@@ -54,7 +54,7 @@ def test_streams_are_cut_and_labelled(stream, tmp_path):
     text = run("convert", stream, out, *CUT, "--sensor", "tip", "--units", "counts", "--where-unit", "mm")
     taps = TapSet.load(out)
 
-    assert "2 taps from 1 streams, 0 incomplete taps left out." in text
+    assert "2 taps from 1 stream." in text
     assert taps.taps[:, :, 1].tolist() == [[0, 5, 5, 5]] * 2
     assert taps.preprocessing == Preprocessing(4, 10.0, "stream", 2, 0.0, "contact", 3.0, 1)
     assert (taps.where.tolist(), taps.where_unit, taps.dataset.attrs["sensor"]) == ([3.0, 9.0], "mm", "tip")

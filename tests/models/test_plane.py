@@ -91,6 +91,12 @@ def test_places_of_another_shape_are_refused(places):
 
 
 def test_a_plane_and_a_line_do_not_join():
-    line = TapSet.from_arrays(np.zeros((2, 3, 2)) + np.arange(2)[:, None, None], [0, 0], ["rod"], preprocessing=Preprocessing(samples=3), where_unit="mm")
+    line = TapSet.from_arrays(
+        np.zeros((2, 3, 2)) + np.arange(2)[:, None, None],
+        [0, 0],
+        ["rod"],
+        preprocessing=Preprocessing(samples=3),
+        where_unit="mm",
+    )
     with pytest.raises(InputError, match="places in a plane"):
         concatenate([planar([(0, 0), (1, 1)]), line])

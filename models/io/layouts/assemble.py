@@ -1,6 +1,6 @@
 """One recording from the pieces of files that a map describes."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -77,7 +77,7 @@ def read_mapped(
             Recording(even.samples, labels.take(even.kept), rate), even.missing, even.left_out, None, whose, tables
         )
     samples = _scaled(_concatenated([np.asarray(piece.signal.samples) for piece in found]), how, missing)
-    if samples.ndim == 3:  # noqa: PLR2004
+    if samples.ndim == 3:
         return Mapped(Recording(samples, labels, rate), missing, (), None, whose, tables)
     file = np.repeat(np.arange(len(found)), [piece.rows for piece in found])
     times = [piece.time_s for piece in found if piece.time_s is not None]
@@ -194,9 +194,7 @@ def _measured(found: Sequence[Piece], key: str, raw: NDArray[Any]) -> tuple[NDAr
     return numbers, unit or found[0].label_units.get(key, "")
 
 
-def _objects(
-    found: Sequence[Piece], how: TapMap
-) -> tuple[NDArray[np.int64], tuple[str, ...], dict[str, Any] | None]:
+def _objects(found: Sequence[Piece], how: TapMap) -> tuple[NDArray[np.int64], tuple[str, ...], dict[str, Any] | None]:
     """Index and names of the objects, and their sizes with the unit: by size, else in order of appearance."""
     raw = _values(found, "what")
     total = sum(piece.rows for piece in found)
@@ -276,7 +274,9 @@ def _positions(found: Sequence[Piece], how: TapMap) -> tuple[NDArray[np.float64]
     """Position of each tap, and the tables that belong to it."""
     plane = [_values(found, key) for key in PLANE]
     if plane[0] is not None:
-        return _in_plane([_measured(found, key, raw) for key, raw in zip(PLANE, plane, strict=True) if raw is not None], how)
+        return _in_plane(
+            [_measured(found, key, raw) for key, raw in zip(PLANE, plane, strict=True) if raw is not None], how
+        )
     raw = _values(found, "where")
     if raw is None:
         return np.zeros(sum(piece.rows for piece in found)), {"where_unit": how.where_unit or ""}
@@ -318,7 +318,7 @@ def _sessions(found: Sequence[Piece], how: TapMap) -> NDArray[np.int64]:
     if raw is None:
         return source.astype(np.int64)
     texts = as_texts(raw)
-    if source.max() == 0 and all(text.isdecimal() and len(text) < 10 for text in set(texts)):  # noqa: PLR2004
+    if source.max() == 0 and all(text.isdecimal() and len(text) < 10 for text in set(texts)):
         return np.array([int(text) for text in texts])
     pairs = [(of, text) for of, text in zip(source.tolist(), texts, strict=True)]
     order = sorted(set(pairs), key=lambda pair: (pair[0], natural(pair[1])))

@@ -46,7 +46,7 @@ def name_pattern(names: Sequence[str]) -> tuple[str, list[Guess]]:
     differ become fields: sessions by their name or as dates, numbers with a unit positions, other numbers trials, other
     words objects.
     """
-    if len(names) < 2:  # noqa: PLR2004
+    if len(names) < 2:
         return "", []
     parts = [re.split(r"([/_\s.-]+)", name) for name in names]
     if len({len(each) for each in parts}) > 1 or any(
@@ -90,7 +90,7 @@ def _field(values: Sequence[str], before: str, taken: set[str], files: int) -> t
 
 
 def _shown(values: Sequence[str]) -> str:
-    return ", ".join(values[:3]) + (f", ... ({len(values)})" if len(values) > 3 else "")  # noqa: PLR2004
+    return ", ".join(values[:3]) + (f", ... ({len(values)})" if len(values) > 3 else "")
 
 
 def column_guesses(contents: Contents, values: Mapping[str, NDArray[Any]]) -> list[Guess]:
@@ -162,14 +162,14 @@ def array_guesses(contents: Contents, values: Mapping[str, NDArray[Any]]) -> lis
     length = signal.shape[0] if signal.shape else None
     rank = len(signal.shape)
     axes = {1: "sample", 2: "tap,sample", 3: "tap,sample,taxel", 4: "what,tap,sample,taxel"}.get(rank, "")
-    if rank >= 5:  # noqa: PLR2004
-        axes = ",".join(["what", "where", "trial", "session"][: rank - 2] + ["sample", "taxel"])
+    if rank >= 5:
+        axes = ",".join([*("what", "where", "trial", "session")[: rank - 2], "sample", "taxel"])
     vectors = [
         each
         for each, of in variables.items()
         if each != name and of.shape and np.prod([n or 1 for n in of.shape]) == (length or -1)
     ]
-    if rank != 3:  # noqa: PLR2004
+    if rank != 3:
         found.append(Guess("axes", axes, f"shape {_shape(signal)}; check which axis is which"))
     for key in ("what", "where", "session", "trial"):
         fitting = [each for each in vectors if re.search(_WORDS[key], _plain(each), re.IGNORECASE)]
@@ -222,8 +222,8 @@ def _numbers(values: NDArray[Any]) -> NDArray[np.float64] | None:
 
 def _increases(values: NDArray[Any]) -> bool:
     numbers = _numbers(values)
-    return numbers is not None and len(numbers) > 1 and bool((np.diff(numbers) > 0).mean() > 0.9)  # noqa: PLR2004
+    return numbers is not None and len(numbers) > 1 and bool((np.diff(numbers) > 0).mean() > 0.9)
 
 
 def _repeats(values: NDArray[Any]) -> bool:
-    return len(values) > 2 * (1 + np.count_nonzero(values[1:] != values[:-1]))
+    return bool(len(values) > 2 * (1 + np.count_nonzero(values[1:] != values[:-1])))

@@ -57,16 +57,14 @@ def as_known(values: NDArray[Any] | str) -> Any:
 def label_source(key: str, text: str) -> LabelSource:
     """Where a label stands, from the text of a map."""
     begin, _, rest = text.partition(":")
+    kinds = {"column": "column", "file": "field", "folder": "field"}
+    kinds |= {"gap": "gap", "date": "date"} if key == "session" else {}
     if text.startswith("="):
         return LabelSource(key, "constant", text[1:])
-    if begin == "column" and rest:
-        return LabelSource(key, "column", rest)
-    if begin in ("file", "folder") and rest:
-        return LabelSource(key, "field", key)
+    if rest and begin in kinds:
+        return LabelSource(key, kinds[begin], key if kinds[begin] == "field" else rest)
     if text == "file" and key in ("session", "trial"):
         return LabelSource(key, "file", "")
-    if begin in ("gap", "date") and rest and key == "session":
-        return LabelSource(key, begin, rest)
     head, _, column = text.rpartition(":")
     for name, wanted in ((text, ""), (head, column)):
         if ENDINGS.get(ending(name)) in ("text", "npy"):
@@ -128,7 +126,9 @@ class LabelTables:
             contents = open_contents(path, self.how)
             values = contents.read(list(contents.variables))[0]
             arrays = {key: of for key, of in values.items() if isinstance(of, np.ndarray)}
-            self._known[path] = {key: of.reshape(-1) for key, of in arrays.items() if of.size == max(of.shape, default=1)}
+            self._known[path] = {
+                key: of.reshape(-1) for key, of in arrays.items() if of.size == max(of.shape, default=1)
+            }
         return self._known[path]
 
 

@@ -53,7 +53,9 @@ def look(sources: Sequence[str | Path], how: TapMap) -> str:
     keys = {guess.key for guess in guesses}
     if contents.table and not keys & {"tap"} and len(files) > 1 and keys & {"trial", "what"}:
         guesses.append(Guess("tap", "file", "each file is one tap, if it is"))
-    return "\n".join([*(f"# {line}".rstrip() for line in map(printable, lines)), "", *_map(sources, how, guesses)]) + "\n"
+    return (
+        "\n".join([*(f"# {line}".rstrip() for line in map(printable, lines)), "", *_map(sources, how, guesses)]) + "\n"
+    )
 
 
 def _files(path: Path) -> Iterator[str]:
@@ -129,7 +131,7 @@ def _summary(values: NDArray[Any] | None, variable: Variable) -> Iterator[str]:
             values = np.where(values == "", "nan", values).astype(np.float64)
         except ValueError:
             distinct = list(dict.fromkeys(values.tolist()))
-            yield f"texts, {len(distinct)} different: {', '.join(distinct[:4])}{', ...' if len(distinct) > 4 else ''}"  # noqa: PLR2004
+            yield f"texts, {len(distinct)} different: {', '.join(distinct[:4])}{', ...' if len(distinct) > 4 else ''}"
             return
     if values.dtype.kind not in "fiub":
         yield str(values.dtype)
@@ -169,7 +171,7 @@ def _map(sources: Sequence[str | Path], how: TapMap, guesses: Sequence[Guess]) -
         labels = recording.labels
         kind = "frames of streams: cut them with trigger" if recording.is_stream else "taps"
         shape = recording.samples.shape
-        size = f"{shape[1]} samples x {shape[2]} taxels" if len(shape) == 3 else f"{shape[1]} taxels"  # noqa: PLR2004
+        size = f"{shape[1]} samples x {shape[2]} taxels" if len(shape) == 3 else f"{shape[1]} taxels"
         counts = {"object": len(labels.what_name), "position": len(np.unique(labels.where))}
         counts["session"] = len(np.unique(labels.session))
         named = ", ".join(f"{n} {name}{'s' * (n != 1)}" for name, n in counts.items())

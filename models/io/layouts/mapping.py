@@ -179,9 +179,7 @@ class TapMap(Checked, frozen=True, kw_only=True):
         """Whether any key tells how files are laid out, so that the layout of this software does not apply."""
         told = {"units", "what_unit", "where_unit", "rate", *CUTTING, *ORIGIN}
         default = type(self)()
-        return any(
-            getattr(self, name) != getattr(default, name) for name in self.__struct_fields__ if name not in told
-        )
+        return any(getattr(self, name) != getattr(default, name) for name in self.__struct_fields__ if name not in told)
 
 
 def load_map(path: str | Path) -> TapMap:

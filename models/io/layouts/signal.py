@@ -81,9 +81,9 @@ def arranged(values: Values, axes: Sequence[str] | None, name: str, frames: bool
 def _default_axes(rank: int, name: str, frames: bool) -> tuple[str, ...]:
     if rank == len(_ROLES):
         return _ROLES
-    if rank == 2 and frames:  # noqa: PLR2004
+    if rank == 2 and frames:
         return "sample", "taxel"
-    if rank == 2:  # noqa: PLR2004
+    if rank == 2:
         raise InputError(
             f"{name} has two axes: say which with axes (--axes), tap,sample or tap,taxel; if they are sample,taxel, "
             "say what a tap is with tap (--tap), or cut taps with --trigger."

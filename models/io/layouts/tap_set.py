@@ -118,7 +118,9 @@ def _presses(mapped: Mapped, how: TapMap) -> Presses | None:
         raise InputError(f"{source.name}: no column {column!r}; columns: {', '.join(columns)[:200]}.")
     at, _ = as_numbers("events", as_known(columns[column]))
     of = _files_of_events(columns, mapped)
-    return presses_of_events(at, "frames" if recording.time is None else "s", recording.file, time=recording.time, of=of)
+    return presses_of_events(
+        at, "frames" if recording.time is None else "s", recording.file, time=recording.time, of=of
+    )
 
 
 def _files_of_events(columns: Any, mapped: Mapped) -> NDArray[np.intp] | None:

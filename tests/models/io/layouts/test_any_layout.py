@@ -24,10 +24,7 @@ def recordings(draw):
 
 def wanted(recording):
     samples, names, places = recording
-    return {
-        (names[m], places[l], s, t): samples[m, l, s, t].tolist()
-        for m, l, s, t in np.ndindex(samples.shape[:4])
-    }
+    return {(names[m], places[l], s, t): samples[m, l, s, t].tolist() for m, l, s, t in np.ndindex(samples.shape[:4])}
 
 
 def found(sources, how):
@@ -66,7 +63,13 @@ def test_one_table(recording, data, tmp_path):
         frame.to_json(path, orient="records", lines=True)
     else:
         delimiter, decimal = data.draw(st.sampled_from([(",", "."), (";", ","), ("\t", ","), ("|", ".")]))
-        frame.to_csv(path, sep=delimiter, decimal=decimal, index=False, encoding=data.draw(st.sampled_from(["utf-8", "utf-8-sig"])))
+        frame.to_csv(
+            path,
+            sep=delimiter,
+            decimal=decimal,
+            index=False,
+            encoding=data.draw(st.sampled_from(["utf-8", "utf-8-sig"])),
+        )
         how = how.changed(decimal=decimal)
 
     assert found([path], how) == wanted(recording)

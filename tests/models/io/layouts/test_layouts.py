@@ -61,7 +61,9 @@ def converted(folder, *words):
 
 def by_label(taps):
     keys = zip(taps.what.tolist(), taps.where.tolist(), taps.session.tolist(), taps.trial.tolist(), strict=True)
-    return {(taps.what_name[m], where, s, t): tap for (m, where, s, t), tap in zip(keys, taps.taps.tolist(), strict=True)}
+    return {
+        (taps.what_name[m], where, s, t): tap for (m, where, s, t), tap in zip(keys, taps.taps.tolist(), strict=True)
+    }
 
 
 def check(taps, presses):
@@ -133,7 +135,7 @@ def test_a_struct_array_of_matlab(presses, tmp_path):
 
 def test_matlab_7_3_with_references(presses, tmp_path):
     """Cells of samples and of names, as MATLAB writes them: axes reversed, texts as UTF-16."""
-    samples, what, where, session, trial = stacked(presses)
+    _, what, where, session, trial = stacked(presses)
     with h5py.File(tmp_path / "rec.mat", "w", userblock_size=512) as file:
         refs = file.create_group("#refs#")
         signals, names = [], []
@@ -162,8 +164,14 @@ def test_matlab_5_with_indices_from_one(presses, tmp_path):
     names = np.array(OBJECTS, dtype=object)
     arrays = {"X": samples.transpose(1, 2, 0), "y": what + 1, "p": where + 1, "day": session, "rep": trial}
     scipy.io.savemat(tmp_path / "rec.mat", arrays | {"classes": names, "positions": PLACES})
-    options = "--taps X --axes sample,taxel,tap --what y --what-names classes --where p --where-values positions"
-    check(converted(tmp_path, tmp_path / "rec.mat", [*options.split(), *"--one-based --session day --trial rep".split()]), presses)
+    options = "--taps X --axes sample,taxel,tap --what y --what-names classes --where p "
+    options += "--where-values positions --one-based --session day --trial rep"
+    check(
+        converted(
+            tmp_path, tmp_path / "rec.mat", [*options.split(), *["--one-based", "--session", "day", "--trial", "rep"]]
+        ),
+        presses,
+    )
 
 
 def test_parquet_with_lists(presses, tmp_path):
@@ -206,7 +214,19 @@ def test_text_with_blanks_and_comments(presses, tmp_path):
         text = "\n".join(["% recorded by hand", "%", *rows, ""])
         (folder / f"{press.what}-p{press.where}-s{press.session}-t{press.trial}.txt").write_text(text)
     pattern = "file:{what}-{where}-s{session}-t{trial}.txt"
-    options = ["--what", pattern, "--delimiter", "blank", "--comment", "%", "--no-header", "--taxels", ":", "--tap", "file"]
+    options = [
+        "--what",
+        pattern,
+        "--delimiter",
+        "blank",
+        "--comment",
+        "%",
+        "--no-header",
+        "--taxels",
+        ":",
+        "--tap",
+        "file",
+    ]
     check(converted(tmp_path, folder, options), presses)
 
 

@@ -1,0 +1,146 @@
+"""Which rows are kept, and where taps begin among them."""
+
+import operator
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError
+from .formats.contents import Contents
+from .labels import Label, as_known, as_numbers
+from .mapping import LABELS, TapMap
+from .signal import runs
+
+_CONDITION = re.compile(r"(.+?)(!=|=|<|>)(.*)")
+_COMPARED = {"=": operator.eq, "!=": operator.ne, "<": operator.lt, ">": operator.gt}
+
+
+def tap_column(how: TapMap) -> str | None:
+    """Column or array that says which rows are a tap."""
+    if how.tap is None or how.tap in ("file", "row"):
+        return None
+    return how.tap.removeprefix("restart:").removeprefix("ends:").removeprefix("column:")
+
+
+def condition(how: TapMap) -> tuple[str, str, str]:
+    """Column, comparison and value of `keep`; without a comparison the column holds truth values."""
+    found = _CONDITION.fullmatch(how.keep or "")
+    return (found[1].strip(), found[2], found[3].strip()) if found else (how.keep or "", "", "")
+
+
+def kept(how: TapMap, column: NDArray[Any], rows: int) -> NDArray[np.bool_]:
+    """Which rows or taps the condition of a map keeps, shape (rows,).
+
+    Args:
+        how: The map.
+        column: What its condition is about.
+        rows: How many there are.
+
+    Raises:
+        InputError: The column has another length, or cannot be compared.
+    """
+    name, comparison, wanted = condition(how)
+    if column.shape != (rows,):
+        raise InputError(f"keep (--keep): {name} has shape {column.shape}, expected one value for each of {rows} rows.")
+    column = as_known(column)
+    if not comparison:
+        if column.dtype.kind == "U":
+            raise InputError(f"keep (--keep): {name} holds texts such as {column[0]!r}; compare it, as in {name}=1.")
+        return column != 0
+    if column.dtype.kind == "U":
+        if comparison not in ("=", "!="):
+            raise InputError(
+                f"keep (--keep): {name} holds texts such as {column[0]!r}, which {comparison} cannot compare."
+            )
+        return (column == wanted) == (comparison == "=")
+    try:
+        number = float(wanted)
+    except ValueError:
+        raise InputError(f"keep (--keep): {name} holds numbers, but {wanted!r} is none.") from None
+    return _COMPARED[comparison](column, number)
+
+
+def tap_starts(
+    rows: int,
+    how: TapMap,
+    contents: Contents,
+    number: NDArray[Any] | None,
+    ends: NDArray[Any] | None,
+    labels: Mapping[str, Label],
+) -> NDArray[np.intp] | None:
+    """First row of each tap, `None` for a stream.
+
+    Args:
+        rows: How many there are.
+        how: The map.
+        contents: The file, for messages.
+        number: Number of each row's tap, shape (rows,), or of the row within it, if a column tells.
+        ends: Ends of the taps, if an array tells.
+        labels: A tap ends where one of these changes.
+
+    Raises:
+        InputError: Rows of a tap do not follow one another, or the column does not fit.
+    """
+    if how.tap is None:
+        return None
+    if not rows or how.tap == "row":
+        return np.arange(rows)
+    if how.tap == "file":
+        return np.zeros(1, dtype=np.intp)
+    if ends is not None:
+        return _before(ends, rows, how.tap)
+    if number is None or number.shape != (rows,):
+        raise InputError(f"tap (--tap) {how.tap!r}: expected one number for each of {rows} rows.")
+    if how.tap.startswith("restart:"):
+        count, _ = as_numbers("tap", number)
+        return np.flatnonzero(np.concatenate([[True], np.diff(count) <= 0]))
+    return _numbered(number, labels, contents)
+
+
+def _before(ends: NDArray[Any], rows: int, tap: str) -> NDArray[np.intp]:
+    """First rows from ends, which are not part of their taps."""
+    bounds = np.concatenate([[0], ends.astype(np.intp).reshape(-1)])
+    if (np.diff(bounds) <= 0).any() or bounds[-1] != rows:
+        raise InputError(f"tap (--tap) {tap!r}: its numbers must rise to the {rows} rows, and end there.")
+    return bounds[:-1]
+
+
+def _numbered(number: NDArray[Any], labels: Mapping[str, Label], contents: Contents) -> NDArray[np.intp]:
+    """First rows of runs of a number and of labels."""
+    rows = len(number)
+    changing = [of for key, of in labels.items() if key in LABELS and isinstance(of, np.ndarray) and len(of) == rows]
+    starts = runs(number, *changing)
+    seen: set[tuple[Any, ...]] = set()
+    for start in starts.tolist():
+        key = (number[start].item(), *(of[start].item() for of in changing))
+        if key in seen:
+            raise InputError(
+                f"{contents.place(start)}: tap {key[0]} starts again after another tap; rows of a tap must follow one "
+                "another; if the column counts within taps, say tap = 'restart:COLUMN'."
+            )
+        seen.add(key)
+    return starts
+
+
+def check_labels(labels: Mapping[str, Label], rows: int, starts: NDArray[np.intp] | None, contents: Contents) -> None:
+    """Checks that labels of rows are as many, and do not change within a tap.
+
+    Raises:
+        InputError: They are not, or one does; the message names the row.
+    """
+    for key, values in labels.items():
+        if not isinstance(values, np.ndarray):
+            continue
+        if len(values) != rows:
+            raise InputError(f"{key} (--{key}) has {len(values)} values for {rows} rows.")
+        if starts is not None:
+            first = np.repeat(starts, np.diff(starts, append=rows))
+            bad = np.flatnonzero(values != values[first])
+            if len(bad):
+                raise InputError(
+                    f"{contents.place(int(bad[0]))}: {key} changes within a tap from {values[first[bad[0]]]} to "
+                    f"{values[bad[0]]}."
+                )
