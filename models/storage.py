@@ -124,12 +124,25 @@ def write_netcdf(data: "xr.Dataset | xr.DataTree", path: Path) -> None:
     Raises:
         OSError: The file cannot be written.
     """
-    if data.nbytes > ON_DISK:
+    content = _in_memory(data) if data.nbytes <= ON_DISK else None
+    if content is None:
         data.to_netcdf(path, engine="h5netcdf")
-        return
+    else:
+        path.write_bytes(content)
+
+
+def _in_memory(data: "xr.Dataset | xr.DataTree") -> "memoryview | None":
+    """Content of a netCDF file, `None` if there is no memory for it."""
     content = BytesIO()
-    data.to_netcdf(content, engine="h5netcdf")
-    path.write_bytes(content.getvalue())
+    try:
+        data.to_netcdf(content, engine="h5netcdf")
+    except MemoryError:
+        return None
+    except ValueError as error:  # that of closing a file which could not be written
+        if not isinstance(error.__context__, MemoryError):
+            raise
+        return None
+    return content.getbuffer()
 
 
 def spooled(
