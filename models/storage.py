@@ -136,10 +136,11 @@ def _in_memory(data: "xr.Dataset | xr.DataTree") -> "memoryview | None":
     content = BytesIO()
     try:
         data.to_netcdf(content, engine="h5netcdf")
-    except MemoryError:
-        return None
-    except ValueError as error:  # that of closing a file which could not be written
-        if not isinstance(error.__context__, MemoryError):
+    except Exception as error:  # closing a file that could not be written, HDF5 raises another one
+        cause: BaseException | None = error
+        while cause is not None and not isinstance(cause, MemoryError):
+            cause = cause.__context__
+        if cause is None:
             raise
         return None
     return content.getbuffer()
