@@ -124,12 +124,26 @@ def write_netcdf(data: "xr.Dataset | xr.DataTree", path: Path) -> None:
     Raises:
         OSError: The file cannot be written.
     """
-    if data.nbytes > ON_DISK:
+    content = _in_memory(data) if data.nbytes <= ON_DISK else None
+    if content is None:
         data.to_netcdf(path, engine="h5netcdf")
-        return
+    else:
+        path.write_bytes(content)
+
+
+def _in_memory(data: "xr.Dataset | xr.DataTree") -> "memoryview | None":
+    """Content of a netCDF file, `None` if there is no memory for it."""
     content = BytesIO()
-    data.to_netcdf(content, engine="h5netcdf")
-    path.write_bytes(content.getvalue())
+    try:
+        data.to_netcdf(content, engine="h5netcdf")
+    except Exception as error:  # closing a file that could not be written, HDF5 raises another one
+        cause: BaseException | None = error
+        while cause is not None and not isinstance(cause, MemoryError):
+            cause = cause.__context__
+        if cause is None:
+            raise
+        return None
+    return content.getbuffer()
 
 
 def spooled(

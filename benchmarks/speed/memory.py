@@ -32,10 +32,10 @@ THRESHOLD = 0.995
 TAP = 400, 100, 50, 10
 """Samples, taxels, positions and objects of the recordings."""
 LIMIT = 2 * 10**9
-"""Bytes of data that a command may hold, see `setrlimit(2)`, RLIMIT_DATA."""
-_COMMAND = f"""
+"""Bytes of data that a command may hold, see `setrlimit(2)`, RLIMIT_DATA; twice as many if these are not enough."""
+_COMMAND = """
 import atexit, pathlib, re, resource, sys
-resource.setrlimit(resource.RLIMIT_DATA, ({LIMIT}, {LIMIT}))
+resource.setrlimit(resource.RLIMIT_DATA, (int(sys.argv[1]), int(sys.argv.pop(1))))
 status = pathlib.Path("/proc/self/status")
 atexit.register(lambda: print(re.search(r"VmHWM:\\s+(\\d+) kB", status.read_text())[1], file=sys.stderr))
 from solidtouch.cli.main import run
@@ -61,6 +61,7 @@ class CommandPeak(NamedTuple):
         processor: Seconds of processor time.
         mebibytes: Peak resident memory.
         load: Load average over the minute before.
+        limit: Bytes of data that it could hold.
     """
 
     command: str
@@ -69,6 +70,7 @@ class CommandPeak(NamedTuple):
     processor: float
     mebibytes: float
     load: float
+    limit: int
 
 
 def peaks(quick: bool = False) -> dict[int, float]:
@@ -153,23 +155,29 @@ def recording_table(found: Sequence[CommandPeak]) -> str:
             f"{one.processor:.1f} s",
             f"{1e3 * one.gigabytes / one.seconds:.0f} MB/s",
             f"{one.mebibytes:.0f} MiB",
+            f"{one.limit / 1e9:g} GB",
             f"{one.load:.1f}",
         ]
         for one in found
     ]
-    return table(["command", "recording", "time", "processor time", "rate", "peak memory", "load before"], lines)
+    head = ["command", "recording", "time", "processor time", "rate", "peak memory", "may hold", "load before"]
+    return table(head, lines)
 
 
-def _measured(words: Sequence[str], size: float, folder: Path) -> CommandPeak:
+def _measured(words: Sequence[str], size: float, folder: Path, limit: int = LIMIT) -> CommandPeak:
     load = os.getloadavg()[0]
     before, started = resource.getrusage(resource.RUSAGE_CHILDREN), time.perf_counter()
-    command = [sys.executable, "-c", _COMMAND, *words]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)  # noqa: S603
+    command = [sys.executable, "-c", _COMMAND, str(limit), *words]
+    # Where pyarrow is installed, pandas loads it, and it reserves 1 GiB of addresses that it does not use.
+    env = os.environ | {"ARROW_DEFAULT_MEMORY_POOL": "system"}
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, env=env)  # noqa: S603
     seconds, after = time.perf_counter() - started, resource.getrusage(resource.RUSAGE_CHILDREN)
+    if done.returncode and "not enough memory" in done.stderr and limit == LIMIT:
+        return _measured(words, size, folder, 2 * limit)
     if done.returncode:
         raise RuntimeError(f"solidtouch {' '.join(words)} failed:\n{done.stderr}")
     processor = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-    return CommandPeak(" ".join(words), size, seconds, processor, int(done.stderr.split()[-1]) / 1024, load)
+    return CommandPeak(" ".join(words), size, seconds, processor, int(done.stderr.split()[-1]) / 1024, load, limit)
 
 
 def _peak(trials: int) -> float:

@@ -33,8 +33,8 @@ def likelihoods(log_likelihood: ArrayLike) -> Likelihoods:
     z, k, least, wide = _scaled(np.asarray(log_likelihood, dtype=np.float64))
     if not wide.any():
         return Likelihoods(z, z, least, wide, k[:0])
-    plain = np.where(k > 1, 0.0, np.ldexp(z, -scaled.UNIT * k))
-    least = plain.min(axis=(1, 2), where=plain > 0, initial=1.0)
+    plain, least = np.empty_like(z), np.ones(len(z))
+    _unscale(z.reshape(len(z), -1), k.reshape(len(z), -1), plain.reshape(len(z), -1), least)
     return Likelihoods(z, plain, least, wide, k)
 
 
@@ -188,3 +188,16 @@ class _Working:
         total = self.multiply(np.ones_like(self.z))
         with np.errstate(divide="ignore"):
             return np.ascontiguousarray((np.log(self.z) - self.k * _UNIT - np.log(total)).T)
+
+
+@compiled
+def _unscale(
+    z: NDArray[np.float64], k: NDArray[np.int64], plain: NDArray[np.float64], least: NDArray[np.float64]
+) -> None:
+    """Numbers z 2^(-UNIT k), 0 where k is above 1, and the smallest above 0 of each row, at most 1."""
+    for n in range(len(z)):
+        for c in range(z.shape[1]):
+            value = 0.0 if k[n, c] > 1 else math.ldexp(z[n, c], -scaled.UNIT * k[n, c])
+            plain[n, c] = value
+            if 0.0 < value < least[n]:
+                least[n] = value

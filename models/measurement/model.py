@@ -343,9 +343,14 @@ class TapModel(ABC):
 
         if not in_blocks:
             return write(samples, out)
-        new = lambda block, which: (which, write(block, np.empty((len(block), *shape[1:]))))  # noqa: E731
-        for which, part in over_blocks(samples, new):
-            out[which] = part
+        at_once = isinstance(out, np.ndarray)  # others, such as Zarr arrays, take what was computed elsewhere
+
+        def of_block(block: NDArray[np.floating], which: slice) -> tuple[slice, Any]:
+            return which, write(block, out[which] if at_once else np.empty((len(block), *shape[1:])))
+
+        for which, part in over_blocks(samples, of_block):
+            if not at_once:
+                out[which] = part
         return out
 
     def check_taps(self, preprocessing: "Preprocessing") -> None:

@@ -6,6 +6,7 @@ import stat
 import subprocess
 import sys
 import time
+from io import BytesIO
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -438,3 +439,18 @@ def test_what_is_no_netcdf_file_is_refused(tmp_path):
     for name, message in {"a.nc": "not a netCDF file", "b.nc": "no such file", ".": "is a folder"}.items():
         with pytest.raises(InputError, match=message):
             read_groups(tmp_path / name, "/")
+
+
+def test_a_file_that_finds_no_memory_is_written_directly(tmp_path, monkeypatch):
+    """HDF5 then fails a second time as it closes the file."""
+
+    class Full(BytesIO):
+        def write(self, content):
+            raise MemoryError
+
+    data = xr.Dataset({"a": ("x", np.arange(5.0))})
+    monkeypatch.setattr(storage, "BytesIO", Full)
+    write_netcdf(data, tmp_path / "a.nc")
+
+    with xr.open_dataset(tmp_path / "a.nc", engine="h5netcdf") as read:
+        assert read.equals(data)
