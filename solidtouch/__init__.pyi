@@ -47,6 +47,8 @@ from .models.errors import InputError as InputError
 from .models.errors import NotConvergedError as NotConvergedError
 from .models.grid import ClassGrid as ClassGrid
 from .models.io.arviz_tree import to_arviz as to_arviz
+from .models.io.layouts.mapping import TapMap as TapMap
+from .models.io.layouts.tap_set import load_mapped as load_mapped
 from .models.io.load import load_taps as load_taps
 from .models.io.model_file import load_model as load_model
 from .models.measurement.generic.contract import measurement_model as measurement_model

@@ -108,7 +108,7 @@ EDGES = {
     "serial": ("hardware/link/port.py",),
     "sklearn": ("inference/classifier.py",),
     "threadpoolctl": ("models/threads.py",),
-    "typer": ("cli/*.py", "cli/shared/homing.py", "cli/shared/options.py"),
+    "typer": ("cli/*.py", "cli/shared/homing.py", "cli/shared/map_options.py", "cli/shared/options.py"),
     "zarr": (
         "analysis/sweep/store.py",
         "models/io/isolated/zarr_store.py",
