@@ -445,7 +445,7 @@ def test_a_file_that_finds_no_memory_is_written_directly(tmp_path, monkeypatch):
     """HDF5 then fails a second time as it closes the file."""
 
     class Full(BytesIO):
-        def write(self, content):
+        def write(self, _content):
             raise MemoryError
 
     data = xr.Dataset({"a": ("x", np.arange(5.0))})
