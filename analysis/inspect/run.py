@@ -82,8 +82,9 @@ def inspect_taps(taps: TapSet, grid: ClassGrid) -> Inspection:
 
 def _places(grid: ClassGrid) -> tuple[str, ...]:
     """Positions in print, without their unit."""
-    rows = grid.where_value[:, np.newaxis] if grid.where_place is None else grid.where_place
-    return tuple(", ".join(f"{value:g}" for value in row) for row in rows)
+    if grid.where_place is None:
+        return tuple(f"{value:g}" for value in grid.where_value)
+    return tuple(f"({', '.join(f'{value:g}' for value in place)})" for place in grid.where_place)
 
 
 def _chosen(record: Preprocessing) -> dict[str, Any]:

@@ -181,6 +181,8 @@ def _where_error(
 ) -> NDArray[np.float64]:
     trials = done.trials
     if reading.where_error == "tap":
+        if grid.where_place is not None:
+            return grid.where_error(trials.where, grid.where_index(test.where[done.tap]))
         return np.abs(grid.where_value[trials.where] - test.where[done.tap])
     if reading.where_error == "start":
         first = np.clip(trials.where - done.shifted, 0, grid.L - 1)

@@ -107,8 +107,8 @@ def decided_sums(record: Record, family: Family, grid: ClassGrid) -> NDArray[np.
 
 def travelled(record: Record, grid: ClassGrid) -> NDArray[np.float64]:
     """Distance actually travelled before each tap, in the unit of the positions, shape (n, T)."""
-    place = grid.where_value[record.at]
-    return np.cumsum(np.abs(np.diff(place, axis=1, prepend=place[:, :1])), axis=1)
+    before = np.concatenate([record.at[:, :1], record.at[:, :-1]], axis=1)
+    return np.cumsum(grid.where_error(record.at, before), axis=1)
 
 
 def nats(record: Record) -> NDArray[np.float64]:

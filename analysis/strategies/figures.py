@@ -329,7 +329,7 @@ def trajectories(source: Row) -> Figure:
     figure.supxlabel(
         "tap (grey: fraction of trials that make it; strokes at the left: trials decided at tap 1)", fontsize=8
     )
-    figure.supylabel(axis_label("position", source["where_unit"]), fontsize=8)
+    figure.supylabel(axis_label("position", grid.where_unit), fontsize=8)
     return figure
 
 

@@ -120,7 +120,7 @@ def _source(study: StrategyStudy) -> Row:
         "name": bench.name,
         "simulated": bench.simulated,
         "units": bench.units,
-        "grid": {"L": grid.L, "M": grid.M, "where_value": grid.where_value.tolist(), "where_unit": grid.where_unit},
+        "grid": {"L": grid.L, "M": grid.M, "where_value": grid.where_value.tolist(), "where_unit": grid.axis_unit},
         "what_unit": grid.what_error_unit,
         "where_unit": unit_name(grid.where_unit),
         "border": bench.border,
