@@ -43,7 +43,8 @@ def tables(draw):
     end, skip = draw(st.sampled_from(("\n", "\r\n", "\r"))), draw(st.integers(0, 2))
     encoding = draw(st.sampled_from(("utf-8", "utf-8-sig", "utf-16", "latin-1")))
     text = io.StringIO()
-    quoting = csv.QUOTE_ALL if comment else draw(st.sampled_from((csv.QUOTE_MINIMAL, csv.QUOTE_ALL)))
+    ambiguous = comment or (name == "blank" and any("\t" in word for word in words))  # a tab is a blank, too
+    quoting = csv.QUOTE_ALL if ambiguous else draw(st.sampled_from((csv.QUOTE_MINIMAL, csv.QUOTE_ALL)))
     quoted = csv.writer(text, delimiter=SIGNS[name], quoting=quoting, lineterminator="\n")
     text.write("anything\n" * skip)
     if header:
