@@ -16,7 +16,7 @@ from .formats.registry import open_contents
 from .labels import Label, LabelSource, LabelTables, as_known, label_of, label_source, needed
 from .mapping import LABELS, PLANE, TapMap
 from .patterns import compiled_pattern, filled, is_pattern, natural
-from .rows import check_labels, condition, kept, tap_column, tap_starts
+from .rows import among_kept, check_labels, check_numbers, condition, kept, tap_column, tap_starts
 from .signal import Signal, arranged, side_by_side, split_frames
 
 _UNITS = {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
@@ -163,7 +163,7 @@ def _piece(
 ) -> Piece:
     """The piece, its frames divided into taps where the map says how."""
     signal, sources, values, unit = found
-    rows = len(signal.samples)
+    rows, which = len(signal.samples), np.arange(0)
     labels = {key: label_of(of, file, contents, values, tables, rows) for key, of in sources.items()}
     labels = {
         key: as_known(of) if key in how.extra and isinstance(of, np.ndarray | str) else of for key, of in labels.items()
@@ -173,18 +173,26 @@ def _piece(
     per_row: dict[str, Any] = {"time": time_s, "rises": rises, **labels}
     if (column := tap_column(how)) and not (how.tap or "").startswith("ends:"):
         per_row["tap"] = np.asarray(values[_named(contents, column, file)])
+    starts = None
+    if not signal.cut:
+        ends = np.asarray(values[_named(contents, column, file)]) if column and "tap" not in per_row else None
+        starts = tap_starts(rows, how, per_row.get("tap"), ends, labels)
     if how.keep is not None:
         mask = kept(how, np.asarray(values[_named(contents, condition(how)[0], file)]), rows)
         per_row = {
             key: of[mask] if isinstance(of, np.ndarray) and len(of) == rows else of for key, of in per_row.items()
         }
-        signal = signal.select(mask)
-    starts = None
+        signal, which = signal.select(mask), np.flatnonzero(mask)
+        starts = None if starts is None else among_kept(starts, which, rows)
     if not signal.cut:
-        ends = np.asarray(values[_named(contents, column, file)]) if column and "tap" not in per_row else None
         changing = {key: per_row[key] for key in labels}
-        starts = tap_starts(len(signal.samples), how, contents, per_row.get("tap"), ends, changing)
-        check_labels(changing, len(signal.samples), starts, contents)
+
+        def place(row: int) -> str:
+            return contents.place(row if how.keep is None else int(which[row]))
+
+        if starts is not None and "tap" in per_row:
+            check_numbers(how, per_row["tap"], starts, changing, place)
+        check_labels(changing, len(signal.samples), starts, place)
     elif how.tap is not None:
         raise InputError(f"tap (--tap) {how.tap!r} divides rows into taps, but {how.taps} has an axis of taps.")
     time_s = per_row["time"]

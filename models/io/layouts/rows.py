@@ -2,14 +2,14 @@
 
 import operator
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
-from .formats.contents import Contents
+from .formats.text_header import MISSING
 from .labels import Label, as_known, as_numbers
 from .mapping import LABELS, TapMap
 from .signal import runs
@@ -66,7 +66,6 @@ def kept(how: TapMap, column: NDArray[Any], rows: int) -> NDArray[np.bool_]:
 def tap_starts(
     rows: int,
     how: TapMap,
-    contents: Contents,
     number: NDArray[Any] | None,
     ends: NDArray[Any] | None,
     labels: Mapping[str, Label],
@@ -74,15 +73,14 @@ def tap_starts(
     """First row of each tap, `None` for a stream.
 
     Args:
-        rows: How many there are.
+        rows: How many there are, kept or not.
         how: The map.
-        contents: The file, for messages.
         number: Number of each row's tap, shape (rows,), or of the row within it, if a column tells.
         ends: Ends of the taps, if an array tells.
         labels: A tap ends where one of these changes.
 
     Raises:
-        InputError: Rows of a tap do not follow one another, or the column does not fit.
+        InputError: The column or array does not fit.
     """
     if how.tap is None:
         return None
@@ -95,9 +93,66 @@ def tap_starts(
     if number is None or number.shape != (rows,):
         raise InputError(f"tap (--tap) {how.tap!r}: expected one number for each of {rows} rows.")
     if how.tap.startswith("restart:"):
-        count, _ = as_numbers("tap", number)
-        return np.flatnonzero(np.concatenate([[True], np.diff(count) <= 0]))
-    return _numbered(number, labels, contents)
+        known = np.flatnonzero(~_missing(number))
+        count, _ = as_numbers("tap", number[known])
+        return np.concatenate([[0], known[1:][np.diff(count) <= 0]]).astype(np.intp)
+    return runs(number, *_changing(labels, rows))
+
+
+def among_kept(starts: NDArray[np.intp], kept_rows: NDArray[np.intp], rows: int) -> NDArray[np.intp]:
+    """First rows of the taps among the rows that are kept; taps of which none is kept are gone.
+
+    Args:
+        starts: First row of each tap among all rows.
+        kept_rows: Numbers of the rows that are kept.
+        rows: How many there are in all.
+    """
+    return starts if len(kept_rows) == rows else runs(np.searchsorted(starts, kept_rows, "right"))
+
+
+def check_numbers(
+    how: TapMap,
+    number: NDArray[Any],
+    starts: NDArray[np.intp],
+    labels: Mapping[str, Label],
+    place: Callable[[int], str],
+) -> None:
+    """Checks that each row has a number, and that the rows of a tap follow one another.
+
+    Args:
+        how: The map.
+        number: As for `tap_starts`, of the rows that are kept.
+        starts: First row of each tap among these.
+        labels: Of these rows.
+        place: Where one of them stands.
+
+    Raises:
+        InputError: A number is missing or a tap is in two places; the message names the row.
+    """
+    missing = np.flatnonzero(_missing(number))
+    if len(missing):
+        raise InputError(
+            f"{place(int(missing[0]))}: tap (--tap) {how.tap!r} has no number; leave such rows out with keep (--keep)."
+        )
+    if how.tap is None or how.tap.startswith("restart:"):
+        return
+    seen: set[tuple[Any, ...]] = set()
+    for start in starts.tolist():
+        key = (number[start].item(), *(of[start].item() for of in _changing(labels, len(number))))
+        if key in seen:
+            raise InputError(
+                f"{place(start)}: tap {key[0]} starts again after another tap; rows of a tap must follow one another; "
+                "if the column counts within taps, say tap = 'restart:COLUMN'."
+            )
+        seen.add(key)
+
+
+def _missing(number: NDArray[Any]) -> NDArray[np.bool_]:
+    return np.isin(number, MISSING) if number.dtype.kind == "U" else number != number  # noqa: PLR0124 - NaN
+
+
+def _changing(labels: Mapping[str, Label], rows: int) -> list[NDArray[Any]]:
+    return [of for key, of in labels.items() if key in LABELS and isinstance(of, np.ndarray) and len(of) == rows]
 
 
 def _before(ends: NDArray[Any], rows: int, tap: str) -> NDArray[np.intp]:
@@ -108,24 +163,9 @@ def _before(ends: NDArray[Any], rows: int, tap: str) -> NDArray[np.intp]:
     return bounds[:-1]
 
 
-def _numbered(number: NDArray[Any], labels: Mapping[str, Label], contents: Contents) -> NDArray[np.intp]:
-    """First rows of runs of a number and of labels."""
-    rows = len(number)
-    changing = [of for key, of in labels.items() if key in LABELS and isinstance(of, np.ndarray) and len(of) == rows]
-    starts = runs(number, *changing)
-    seen: set[tuple[Any, ...]] = set()
-    for start in starts.tolist():
-        key = (number[start].item(), *(of[start].item() for of in changing))
-        if key in seen:
-            raise InputError(
-                f"{contents.place(start)}: tap {key[0]} starts again after another tap; rows of a tap must follow one "
-                "another; if the column counts within taps, say tap = 'restart:COLUMN'."
-            )
-        seen.add(key)
-    return starts
-
-
-def check_labels(labels: Mapping[str, Label], rows: int, starts: NDArray[np.intp] | None, contents: Contents) -> None:
+def check_labels(
+    labels: Mapping[str, Label], rows: int, starts: NDArray[np.intp] | None, place: Callable[[int], str]
+) -> None:
     """Checks that labels of rows are as many, and do not change within a tap.
 
     Raises:
@@ -138,9 +178,10 @@ def check_labels(labels: Mapping[str, Label], rows: int, starts: NDArray[np.intp
             raise InputError(f"{key} (--{key}) has {len(values)} values for {rows} rows.")
         if starts is not None:
             first = np.repeat(starts, np.diff(starts, append=rows))
-            bad = np.flatnonzero(values != values[first])
+            same = (values == values[first]) | ((values != values) & (values[first] != values[first]))  # noqa: PLR0124
+            bad = np.flatnonzero(~same)
             if len(bad):
                 raise InputError(
-                    f"{contents.place(int(bad[0]))}: {key} changes within a tap from {values[first[bad[0]]]} to "
+                    f"{place(int(bad[0]))}: {key} changes within a tap from {values[first[bad[0]]]} to "
                     f"{values[bad[0]]}."
                 )

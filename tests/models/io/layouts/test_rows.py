@@ -1,0 +1,50 @@
+"""Which rows are a tap, and which are kept: the two together never join what is apart."""
+
+import h5py
+import numpy as np
+import pytest
+from solidtouch.models.errors import InputError
+from solidtouch.models.io.layouts.mapping import TapMap
+from solidtouch.models.io.layouts.tap_set import load_mapped
+
+
+def taps_of(folder, rows, **how):
+    """Taps of a table with the columns count, phase, a; one list of values each."""
+    path = folder / "r.csv"
+    path.write_text("count,phase,a\n" + "".join(f"{','.join(map(str, row))}\n" for row in rows))
+    return load_mapped(path, TapMap(taxels="a", **how)).taps.taps[..., 0].tolist()
+
+
+def refused(folder, rows, **how):
+    with pytest.raises(InputError) as error:
+        taps_of(folder, rows, **how)
+    return str(error.value)
+
+
+def test_taps_that_count_anew_end_where_they_do_although_those_rows_are_not_kept(tmp_path):
+    """Of the first tap its begin is kept, of the second its end."""
+    rows = [(0, "on", 1), (1, "on", 2), (2, "off", 3), (0, "off", 4), (3, "on", 5), (4, "on", 6)]
+    assert taps_of(tmp_path, rows, tap="restart:count", keep="phase=on") == [[1, 2], [5, 6]]
+
+
+def test_rows_that_are_not_kept_need_no_number(tmp_path):
+    rows = [(0, "on", 1), (1, "on", 2), ("", "off", 3), (0, "on", 5), (1, "on", 6)]
+    assert taps_of(tmp_path, rows, tap="restart:count", keep="phase=on") == [[1, 2], [5, 6]]
+    rows = [(7, "on", 1), (7, "on", 2), ("", "off", 3), (9, "on", 5), (9, "on", 6)]
+    assert taps_of(tmp_path, rows, tap="count", keep="phase=on") == [[1, 2], [5, 6]]
+    for tap in ("count", "restart:count"):
+        assert "line 4: tap (--tap)" in refused(tmp_path, rows, tap=tap)
+        assert "--keep" in refused(tmp_path, rows, tap=tap)
+
+
+def test_two_taps_of_one_number_are_not_joined_where_what_is_between_is_not_kept(tmp_path):
+    rows = [(1, "on", 1), (1, "on", 2), (0, "off", 3), (1, "on", 5), (1, "on", 6)]
+    assert "line 5: tap 1 starts again" in refused(tmp_path, rows, tap="count", keep="phase=on")
+
+
+def test_ends_count_all_rows(tmp_path):
+    with h5py.File(tmp_path / "r.h5", "w") as file:
+        file["a"], file["ends"] = np.arange(9.0)[:, np.newaxis], [4, 5, 9]
+        file["good"] = [1, 1, 0, 0, 0, 0, 0, 1, 1]
+    how = TapMap(taps="a", tap="ends:ends", keep="good")
+    assert load_mapped(tmp_path / "r.h5", how).taps.taps[..., 0].tolist() == [[0, 1], [7, 8]]
