@@ -100,9 +100,9 @@ def shapes_of(story: StoryFunction, batch: StoryCall) -> dict[str, tuple[int, ..
     """Shapes of the latent variables of taps in one session, by name, but of discrete ones.
 
     Raises:
-        InputError: The function fails.
+        InputError: The function fails, for example as an index is beyond an axis of fixed size.
     """
-    sites = _traced(story, _some(batch, 2), 2, run=False).sites
+    sites = _traced(story, _some(batch, 2), 2).sites
     latents = {name: site for name, site in sites.items() if site["type"] == "sample" and not site["is_observed"]}
     return {name: np.shape(s["value"]) for name, s in latents.items() if not s["fn"].support.is_discrete}
 
