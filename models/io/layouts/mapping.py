@@ -11,7 +11,6 @@ from msgspec.structs import force_setattr
 
 from ...errors import InputError
 from ...settings import Checked, SettingError, wanted
-from ..recording import naming
 from ..toml import parse_settings, read_settings
 from .formats.contents import TextTable
 
@@ -188,6 +187,8 @@ def load_map(path: str | Path) -> TapMap:
     Raises:
         InputError: The file is missing or not TOML, or a key is unknown or its value wrong; the message names both.
     """
+    from ..recording import naming  # noqa: PLC0415 - commands begin without what it loads
+
     with naming(path):
         text = read_settings(path)
     with naming(path):
