@@ -17,10 +17,10 @@ from ...settings import Missing
 from ...taps import in_plane
 from ..recording import Labels, Recording, as_samples, naming
 from .files import SourceFile, source_files
-from .labels import ByOrder, LabelTables, as_numbers, as_texts, label_source
+from .labels import LabelTables, as_numbers, as_texts, label_source
 from .mapping import PLANE, TapMap
 from .patterns import natural
-from .pieces import Piece, pieces
+from .pieces import Piece, pieces, with_ordered_labels
 
 _SAME_RATE = 0.02
 """Rates of two files that differ by less in proportion are one: clocks of computers jitter."""
@@ -64,8 +64,8 @@ def read_mapped(
     paths = [Path(source) for source in sources]
     files = source_files(paths, how)
     beside = [path if path.is_dir() else path.parent for path in paths]
-    tables = LabelTables([*([] if folder is None else [Path(folder)]), *dict.fromkeys(beside)], how.text_table)
-    found = list(pieces(files, how, tables))
+    tables = LabelTables([*([] if folder is None else [Path(folder)]), *dict.fromkeys(beside)], how.text_table, files)
+    found = with_ordered_labels(list(pieces(files, how, tables)))
     if not sum(piece.rows for piece in found):
         raise InputError(f"{paths[0]}: no taps.")
     found = [piece for piece in found if piece.rows]
@@ -168,14 +168,6 @@ def _values(found: Sequence[Piece], key: str) -> NDArray[Any] | None:
         return np.concatenate([piece.signal.axis_index[key] for piece in found])
     if key not in found[0].labels:
         return None
-    first = found[0].labels[key]
-    if isinstance(first, ByOrder):
-        total = sum(piece.rows for piece in found)
-        if len(first.values) != total:
-            raise InputError(
-                f"{first.table}: {len(first.values)} rows for {total} taps, and no column with the names of the files."
-            )
-        return first.values
     parts = []
     for piece in found:
         value = piece.labels[key]

@@ -8,6 +8,8 @@ from .mapping import TapMap
 from .patterns import is_pattern
 
 _MOST_SHOWN = 12
+type FirstColumns = dict[str, str]
+"""Columns of taxels of the first file of a recording, each with its unit; empty before that."""
 
 
 def taxel_columns(how: TapMap, contents: Contents) -> list[str]:
@@ -38,6 +40,35 @@ def taxel_columns(how: TapMap, contents: Contents) -> list[str]:
             )
         found += [name for name in matched if name not in found]
     return found
+
+
+def agreeing(columns: list[str], contents: Contents, how: TapMap, first: FirstColumns) -> list[str]:
+    """The columns in the order of those of the first file, which this may be.
+
+    Raises:
+        InputError: Columns or their units differ from those of the first file; columns by number may have other names.
+    """
+    if not first:
+        first |= {name: contents.variables[name].unit for name in columns}
+        return columns
+    names, shared = list(first), set(columns) & first.keys()
+    if shared == first.keys() == set(columns):
+        if columns != names and _by_number(how):
+            raise InputError(
+                "columns of taxels stand in another order than in the first file; name them in taxels (--taxels)."
+            )
+        return names
+    other = next((name for name in columns if name not in first), None) or next(n for n in names if n not in columns)
+    if not _by_number(how):
+        raise InputError(
+            f"taxels (--taxels): this file and the first one differ in {other!r}; names of columns must be the same."
+        )
+    return columns
+
+
+def _by_number(how: TapMap) -> bool:
+    wanted = (how.taxels,) if isinstance(how.taxels, str) else how.taxels or ()
+    return any(_as_slice(text) is not None for text in wanted)
 
 
 def taxel_slice(how: TapMap) -> slice:

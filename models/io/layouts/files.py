@@ -43,9 +43,12 @@ def source_files(sources: Sequence[Path], how: TapMap) -> list[SourceFile]:
 
 def _patterns(value: object) -> Iterator[str]:
     """The patterns of names among the sources of a label."""
-    for text in (value,) if isinstance(value, str) else value if isinstance(value, tuple) else ():
-        if isinstance(text, str) and text.startswith(("file:", "folder:")):
-            yield text
+    return (text for text in _texts(value) if text.startswith(("file:", "folder:")))
+
+
+def _texts(value: object) -> tuple[str, ...]:
+    """One source of a label, or several."""
+    return (value,) if isinstance(value, str) else tuple(value) if isinstance(value, tuple) else ()
 
 
 def _below(path: Path, number: int, how: TapMap) -> Iterator[SourceFile]:
@@ -56,6 +59,7 @@ def _below(path: Path, number: int, how: TapMap) -> Iterator[SourceFile]:
         return
     names = names_below(path)
     if how.files is None:
+        names = [name for name in names if not _is_table(name, how)]
         kinds = Counter(kind for name in names if (kind := ending(name)) in ENDINGS)
         if not kinds:
             raise InputError(f"{path}: no file of a known kind in this folder ({', '.join(sorted(ENDINGS))}).")
@@ -70,6 +74,13 @@ def _below(path: Path, number: int, how: TapMap) -> Iterator[SourceFile]:
         shown = ", ".join(names[:_MOST_SHOWN]) or "none"
         raise InputError(f"{path}: none of {len(names)} files matches files (--files) {how.files!r}; files: {shown}.")
     yield from (SourceFile(path / name, name, number, found.groupdict()) for name, found in matched)
+
+
+def _is_table(name: str, how: TapMap) -> bool:
+    """Whether a map names this file as a table of labels or events."""
+    texts = [text for key in (*LABELS, "what_value", "events") for text in _texts(getattr(how, key))]
+    own = name, name.rpartition("/")[2]
+    return any(text == each or text.startswith(f"{each}:") for text in texts for each in own)
 
 
 def names_below(folder: Path) -> list[str]:

@@ -79,11 +79,14 @@ class LabelTables:
     Attributes:
         folders: Where they are looked for, in this order.
         how: How they are written.
+        files: All files of the recording.
     """
 
     folders: Sequence[Path]
     how: TextTable
+    files: Sequence[SourceFile] = ()
     _known: dict[Path, dict[str, NDArray[Any]]] = field(default_factory=dict)
+    _naming: dict[tuple[Path, str], dict[str, list[int]]] = field(default_factory=dict)
 
     def label(self, source: LabelSource, file: SourceFile, rows: int) -> Label:
         """Values of a column: in the row or rows that name the file, else in the rows of the file, else in all.
@@ -97,19 +100,30 @@ class LabelTables:
             InputError: There is no such table or column, or no row for this file.
         """
         name = filled(source.name, file.fields)
-        columns = self.columns(name, file)
+        path, columns = self._place(name, file), self.columns(name, file)
         column = source.column or (next(iter(columns)) if len(columns) == 1 else source.key)
         if column not in columns:
             raise InputError(f"{name}: no column {column!r}; columns: {', '.join(columns)[:200]}.")
-        ending_free = file.below.rpartition(".")[0] or file.below
-        names = [file.below, file.path.name, ending_free, ending_free.rpartition("/")[2]]
-        texts = {key: of for key, of in columns.items() if key != column and of.dtype.kind == "U"}
-        for of in texts.values():
-            if len(found := np.flatnonzero(np.isin(of, names))):
-                return str(columns[column][found[0]]) if len(found) == 1 else columns[column][found]
-        if any(ending(text) in ENDINGS for of in texts.values() for text in of[:1].tolist()):
-            raise InputError(f"{name} has no row for this file.")
-        return columns[column] if len(columns[column]) == rows else ByOrder(columns[column], name)
+        if (path, column) not in self._naming:
+            others = {key: of for key, of in columns.items() if key != column and of.dtype.kind == "U"}
+            below = [each for each in self.files if each.path.is_relative_to(path.parent)] or list(self.files)
+            self._naming[path, column] = _rows_by_file(others, below)
+        named = self._naming[path, column]
+        if named:
+            found = next((named[text] for text in _names_of(file) if text in named), None)
+            if found is None:
+                raise InputError(f"{name} has no row for this file.")
+            return str(columns[column][found[0]]) if len(found) == 1 else columns[column][found]
+        alone = len(self.files) == 1 and len(columns[column]) == rows
+        return columns[column] if alone else ByOrder(columns[column], name)
+
+    def _place(self, name: str, file: SourceFile) -> Path:
+        folders = [file.path.parent, *self.folders]
+        path = next((there for folder in folders if (there := folder / name).is_file()), None)
+        if path is None:
+            places = ", ".join(dict.fromkeys(str(folder) for folder in folders))
+            raise InputError(f"{name}: no such table of labels; looked in {places}.")
+        return path
 
     def columns(self, name: str, file: SourceFile) -> Mapping[str, NDArray[Any]]:
         """Columns of a table, or the arrays of one axis of a file, that stands beside a file or in another folder.
@@ -117,11 +131,7 @@ class LabelTables:
         Raises:
             InputError: It is in none of them, or damaged.
         """
-        folders = [file.path.parent, *self.folders]
-        path = next((there for folder in folders if (there := folder / name).is_file()), None)
-        if path is None:
-            places = ", ".join(dict.fromkeys(str(folder) for folder in folders))
-            raise InputError(f"{name}: no such table of labels; looked in {places}.")
+        path = self._place(name, file)
         if path not in self._known:
             contents = open_contents(path, self.how)
             values = contents.read(list(contents.variables))[0]
@@ -130,6 +140,47 @@ class LabelTables:
                 key: of.reshape(-1) for key, of in arrays.items() if of.size == max(of.shape, default=1)
             }
         return self._known[path]
+
+
+def _names_of(file: SourceFile) -> tuple[str, ...]:
+    """What a table may call a file."""
+    free = file.below.rpartition(".")[0] or file.below
+    return file.below, free, file.path.name, free.rpartition("/")[2]
+
+
+def _rows_by_file(columns: Mapping[str, NDArray[Any]], files: Sequence[SourceFile]) -> dict[str, list[int]]:
+    """Rows by the name of their file, from the column that names most files; empty where none does.
+
+    A column of plain numbers names files only if it names all of several, each once: it may count something else.
+
+    Raises:
+        InputError: A name is that of files in several folders.
+    """
+    best, most = None, 0
+    for of in columns.values():
+        there = set(of.tolist())
+        named = [[text for text in _names_of(file) if text in there] for file in files]
+        count = sum(map(bool, named))
+        numbers = all(text.isdecimal() for texts in named for text in texts)
+        if numbers and (count < max(2, len(files)) or len(there) < len(of)):
+            count = 0
+        if count > most:
+            best, most = of, count
+    if best is None:
+        has_endings = any(ending(text) in ENDINGS for of in columns.values() for text in of[:1].tolist())
+        return {"": []} if has_endings else {}
+    rows: dict[str, list[int]] = {}
+    for row, text in enumerate(best.tolist()):
+        rows.setdefault(text, []).append(row)
+    used: dict[str, SourceFile] = {}
+    for file in files:
+        text = next((text for text in _names_of(file) if text in rows), None)
+        if text is not None and used.setdefault(text, file) is not file:
+            raise InputError(
+                f"the table of labels names {text}, which {used[text].below} and {file.below} may be; write the folder "
+                "before the name, as in a/1.csv."
+            )
+    return rows
 
 
 def needed(sources: Sequence[LabelSource], fields: dict[str, str], contents: Contents) -> list[str]:

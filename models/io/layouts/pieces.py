@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ..recording import naming
-from .columns import taxel_columns, taxel_slice
+from .columns import FirstColumns, agreeing, taxel_columns, taxel_slice
 from .files import SourceFile
 from .formats.contents import Contents, Values
 from .formats.registry import open_contents
-from .labels import Label, LabelSource, LabelTables, as_known, label_of, label_source, needed
+from .labels import ByOrder, Label, LabelSource, LabelTables, as_known, label_of, label_source, needed
 from .mapping import LABELS, PLANE, TapMap
 from .patterns import compiled_pattern, filled, is_pattern, natural
 from .rows import among_kept, check_labels, check_numbers, condition, kept, tap_column, tap_starts
@@ -36,6 +36,8 @@ class Piece:
         time_s: Times of its rows or taps, if known.
         label_units: Units of its labels, as the file states them.
         rises: Signal that rises at each press, shape (rows,).
+        row: Number of the row or tap of the file that each one begins with, shape (rows,).
+        whole: Number of rows or taps of the file, kept or not.
     """
 
     file: SourceFile
@@ -47,6 +49,8 @@ class Piece:
     time_s: NDArray[np.float64] | None = None
     label_units: Mapping[str, str] = field(default_factory=dict)
     rises: NDArray[Any] | None = None
+    row: NDArray[np.intp] = field(default_factory=lambda: np.arange(0))
+    whole: int = 0
 
     @property
     def rows(self) -> int:
@@ -60,12 +64,13 @@ def pieces(files: Sequence[SourceFile], how: TapMap, tables: LabelTables) -> Ite
     Raises:
         InputError: A file cannot be read as the map says; the message names it.
     """
+    first: FirstColumns = {}
     for file in files:
         contents = open_contents(file.path, how.text_table, how.format)
         with naming(file.path):
             alone = _only_array(contents) if how.taps is None else None
             if how.taps is None and alone is None:
-                yield _of_columns(file, contents, how, tables)
+                yield _of_columns(file, contents, how, tables, first)
             else:
                 for names, fields in _arrays(how.taps or alone or "", file, contents):
                     whose = replace(file, fields=file.fields | fields)
@@ -115,13 +120,18 @@ def sources_of(how: TapMap, fields: Mapping[str, str]) -> dict[str, LabelSource]
     return found
 
 
-def _of_columns(file: SourceFile, contents: Contents, how: TapMap, tables: LabelTables) -> Piece:
-    """Taps or frames whose taxels are columns."""
-    columns = taxel_columns(how, contents)
+def _of_columns(file: SourceFile, contents: Contents, how: TapMap, tables: LabelTables, first: FirstColumns) -> Piece:
+    """Taps or frames whose taxels are columns; those of further files agree with the first ones."""
+    columns = agreeing(taxel_columns(how, contents), contents, how, first)
     sources = sources_of(how, file.fields)
-    values, frames = contents.read(_further(how, sources, file, contents), columns)
+    further, labels = _further(how, sources, file, contents), needed(list(sources.values()), file.fields, contents)
+    numbers = [name for name in further if name not in labels and contents.variables[name].dtype == np.float64]
+    beside = [*columns, *(name for name in numbers if contents.variables[name].shape[1:] == ())]
+    values, frames = contents.read([name for name in further if name not in beside[len(columns) :]], beside)
     if frames is None:
         raise InputError("no taxels: say which columns they are with taxels (--taxels).")
+    values |= {name: frames[:, len(columns) + n] for n, name in enumerate(beside[len(columns) :])}
+    frames = frames[:, : len(columns)]
     axes = how.axis_names
     if axes is not None and len(axes) != 2:
         raise InputError(f"axes (--axes) {how.axes!r}: rows and columns are two axes.")
@@ -163,7 +173,8 @@ def _piece(
 ) -> Piece:
     """The piece, its frames divided into taps where the map says how."""
     signal, sources, values, unit = found
-    rows, which = len(signal.samples), np.arange(0)
+    rows = len(signal.samples)
+    which = np.arange(rows)
     labels = {key: label_of(of, file, contents, values, tables, rows) for key, of in sources.items()}
     labels = {
         key: as_known(of) if key in how.extra and isinstance(of, np.ndarray | str) else of for key, of in labels.items()
@@ -188,7 +199,7 @@ def _piece(
         changing = {key: per_row[key] for key in labels}
 
         def place(row: int) -> str:
-            return contents.place(row if how.keep is None else int(which[row]))
+            return contents.place(int(which[row]))
 
         if starts is not None and "tap" in per_row:
             check_numbers(how, per_row["tap"], starts, changing, place)
@@ -200,11 +211,42 @@ def _piece(
     labels = {key: per_row[key] for key in labels}
     if starts is not None:
         labels = {key: of[starts] if isinstance(of, np.ndarray) else of for key, of in labels.items()}
-        time_s = time_s[starts] if time_s is not None else None
+        time_s, which = None if time_s is None else time_s[starts], which[starts]
         signal = Signal(split_frames(np.asarray(signal.samples), starts))
     listed = {key: np.asarray(values[_named(contents, name, file)]) for key, name in _tables(how).items()}
-    return Piece(
-        file, signal, labels, rate, unit, listed, time_s, _label_units(sources, file, contents), per_row["rises"]
+    units = _label_units(sources, file, contents)
+    return Piece(file, signal, labels, rate, unit, listed, time_s, units, per_row["rises"], which, rows)
+
+
+def with_ordered_labels(found: Sequence[Piece]) -> list[Piece]:
+    """The pieces with those labels that tables list in the order of all their taps or rows.
+
+    Raises:
+        InputError: A table has another number of rows.
+    """
+    labels, sharing = [dict(piece.labels) for piece in found], dict[tuple[str, int], list[int]]()
+    for number, piece in enumerate(found):
+        for key, of in piece.labels.items():
+            if isinstance(of, ByOrder):
+                sharing.setdefault((key, id(of.values)), []).append(number)
+    for (key, _), numbers in sharing.items():
+        parts = _parts(labels[numbers[0]][key], [found[number] for number in numbers])
+        for number, part in zip(numbers, parts, strict=True):
+            labels[number][key] = part
+    return [replace(piece, labels=of) for piece, of in zip(found, labels, strict=True)]
+
+
+def _parts(label: Any, sharing: Sequence[Piece]) -> list[NDArray[Any]]:
+    """Values of a table for each piece that shares it: one for each tap, else for each row, else those of each file."""
+    values, taps, rows = label.values, [piece.rows for piece in sharing], [piece.whole for piece in sharing]
+    if len(values) == sum(taps):
+        return np.split(values, np.cumsum(taps)[:-1])
+    if len(values) == sum(rows):
+        return [part[piece.row] for part, piece in zip(np.split(values, np.cumsum(rows)[:-1]), sharing, strict=True)]
+    if all(number == len(values) for number in taps):
+        return [values] * len(sharing)
+    raise InputError(
+        f"{label.table}: {len(values)} rows for {sum(taps)} taps, and no column with the names of the files."
     )
 
 

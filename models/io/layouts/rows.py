@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from .formats.text_header import MISSING
-from .labels import Label, as_known, as_numbers
+from .labels import Label, as_known, as_numbers, as_texts
 from .mapping import LABELS, TapMap
 from .signal import runs
 
@@ -49,7 +49,7 @@ def kept(how: TapMap, column: NDArray[Any], rows: int) -> NDArray[np.bool_]:
     if not comparison:
         if column.dtype.kind == "U":
             raise InputError(f"keep (--keep): {name} holds texts such as {column[0]!r}; compare it, as in {name}=1.")
-        return column != 0
+        return (column != 0) & ~_missing(column)
     if column.dtype.kind == "U":
         if comparison not in ("=", "!="):
             raise InputError(
@@ -141,8 +141,8 @@ def check_numbers(
         key = (number[start].item(), *(of[start].item() for of in _changing(labels, len(number))))
         if key in seen:
             raise InputError(
-                f"{place(start)}: tap {key[0]} starts again after another tap; rows of a tap must follow one another; "
-                "if the column counts within taps, say tap = 'restart:COLUMN'."
+                f"{place(start)}: tap {as_texts(number[start : start + 1])[0]} starts again after another tap; rows of "
+                "a tap must follow one another; if the column counts within taps, say tap = 'restart:COLUMN'."
             )
         seen.add(key)
 

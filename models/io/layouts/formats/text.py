@@ -104,6 +104,7 @@ def _quickly(block: TextBlock, layout: TextLayout, texts: list[int], numbers: li
     if len(frame) != length:
         return None
     words = [np.array(list(map(str.strip, frame[i])), np.str_) for i in texts]
+    words = [_with_points(of, layout, i) for of, i in zip(words, texts, strict=True)]
     return Part(words, frame[numbers].to_numpy(np.float64))
 
 
@@ -155,7 +156,13 @@ def _exactly(block: TextBlock, layout: TextLayout, texts: list[int], numbers: li
         except ValueError:
             raise _not_a_number(line, cells, layout, numbers) from None
     table = np.array(read, np.float64).reshape(len(read), len(numbers))
-    return Part([np.array([row[j] for row in words], np.str_) for j in range(len(texts))], table)
+    columns = (np.array([row[j] for row in words], np.str_) for j in range(len(texts)))
+    return Part([_with_points(of, layout, i) for of, i in zip(columns, texts, strict=True)], table)
+
+
+def _with_points(words: NDArray[np.str_], layout: TextLayout, column: int) -> NDArray[np.str_]:
+    """Cells of a column of numbers with a decimal point, others as they are."""
+    return np.char.replace(words, layout.decimal, ".") if layout.numeric[column] and layout.decimal != "." else words
 
 
 def _not_a_number(line: int, cells: Sequence[str], layout: TextLayout, numbers: Sequence[int]) -> InputError:

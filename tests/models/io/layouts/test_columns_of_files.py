@@ -1,0 +1,42 @@
+"""Tables whose columns differ from file to file, and columns that are numbers with a decimal comma."""
+
+import pytest
+from solidtouch.models.errors import InputError
+from solidtouch.models.io.layouts.mapping import TapMap
+from solidtouch.models.io.layouts.tap_set import load_mapped
+
+
+def loaded(folder, *tables, **how):
+    for number, table in enumerate(tables):
+        (folder / f"{number}.csv").write_text(table)
+    return load_mapped(folder, TapMap(**{"tap": "file"} | how)).taps
+
+
+def test_columns_in_another_order_are_the_same_taxels(tmp_path):
+    tables = "t,s1,s2\n0,1,2\n", "s2,t,s1\n20,0,10\n"
+    for taxels in ("s*", ("s1", "s2")):
+        assert loaded(tmp_path, *tables, taxels=taxels).taps[:, 0].tolist() == [[1, 2], [10, 20]]
+    with pytest.raises(InputError, match=r"1\.csv: columns of taxels stand in another order"):
+        loaded(tmp_path, "s1,s2\n1,2\n", "s2,s1\n1,2\n", taxels="0:2")
+
+
+def test_other_columns_are_refused_but_by_number(tmp_path):
+    tables = "s1,s2\n1,2\n", "s1,s3\n10,20\n"
+    with pytest.raises(InputError, match=r"1\.csv: taxels \(--taxels\): .* differ in 's3'"):
+        loaded(tmp_path, *tables, taxels="s*")
+    assert loaded(tmp_path, *tables, taxels="0:2").taps[:, 0].tolist() == [[1, 2], [10, 20]]
+    with pytest.raises(InputError, match=r"differ in 's \[mN\]'"):
+        loaded(tmp_path, "s [N],x\n1,2\n", "s [mN],x\n10,20\n", taxels="s*")
+
+
+def test_decimal_commas_in_times_counters_and_conditions(tmp_path):
+    table = "t;force;s\n0,00;0,1;1,5\n0,01;0,5;2,5\n0,02;0,6;3,5\n"
+    taps = loaded(tmp_path, table, taxels="s", decimal=",", time="t", keep="force>0.2")
+    assert taps.taps[0, :, 0].tolist() == [2.5, 3.5]
+    assert taps.preprocessing.rate_hz == 100
+
+
+def test_a_table_of_labels_in_the_folder_is_no_recording(tmp_path):
+    (tmp_path / "labels.csv").write_text("file,thing\n1,rod\n0,cup\n")
+    taps = loaded(tmp_path, "s\n1\n", "s\n2\n", taxels="s", what="labels.csv:thing")
+    assert [taps.what_name[m] for m in taps.what] == ["cup", "rod"]

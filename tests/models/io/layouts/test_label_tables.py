@@ -1,0 +1,75 @@
+"""Labels in a table beside the recordings: whatever its order, each tap gets its own."""
+
+import numpy as np
+import pytest
+from solidtouch.models.errors import InputError
+from solidtouch.models.io.layouts.mapping import TapMap
+from solidtouch.models.io.layouts.tap_set import load_mapped
+
+
+def written(folder, names, samples=2):
+    """A table for each name, with taps that count the files."""
+    for number, name in enumerate(names):
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("a,b\n" + f"{number},0\n" * samples)
+
+
+def found(folder, table, **how):
+    """Object by the number in the samples."""
+    (folder / "labels.csv").write_text(table)
+    how = {"taxels": "*", "tap": "file", "what": "labels.csv:thing", "files": "**/*.txt"} | how
+    taps = load_mapped(folder, TapMap(**how)).taps
+    return dict(zip(taps.taps[:, 0, 0].astype(int).tolist(), [taps.what_name[m] for m in taps.what], strict=True))
+
+
+def test_rows_in_any_order_and_for_files_that_are_not_there(tmp_path):
+    written(tmp_path, ["a.txt", "b.txt", "c.txt"])
+    table = "file,thing\nc.txt,cup\ngone.txt,pot\na.txt,ball\nb.txt,rod\n"
+    assert found(tmp_path, table) == {0: "ball", 1: "rod", 2: "cup"}
+
+
+def test_a_number_that_is_also_the_name_of_a_file_does_not_name_it(tmp_path):
+    """`weight` is 2 and 1 where the files are 1 and 2."""
+    written(tmp_path, ["1.txt", "2.txt", "3.txt"])
+    table = "weight,id,thing\n2,1,cup\n1,2,ball\n7,3,rod\n"
+    assert found(tmp_path, table) == {0: "cup", 1: "ball", 2: "rod"}
+    table = "weight,thing\n2,cup\n1,ball\n1,rod\n"
+    assert found(tmp_path, table) == {0: "cup", 1: "ball", 2: "rod"}  # in their order
+
+
+def test_a_file_without_a_row_is_refused(tmp_path):
+    written(tmp_path, ["a.txt", "b.txt"])
+    with pytest.raises(InputError, match=r"b\.txt: labels\.csv has no row for this file"):
+        found(tmp_path, "file,thing\na,cup\nc,rod\n")
+
+
+def test_files_of_one_name_in_two_folders_are_told_apart_or_refused(tmp_path):
+    written(tmp_path, ["x/1.txt", "y/1.txt"])
+    assert found(tmp_path, "file,thing\ny/1.txt,cup\nx/1.txt,rod\n") == {0: "rod", 1: "cup"}
+    with pytest.raises(InputError, match=r"1\.txt, which x/1\.txt and y/1\.txt may be"):
+        found(tmp_path, "file,thing\n1.txt,cup\n1.txt,rod\n")
+
+
+def test_as_many_taps_as_a_tap_has_samples(tmp_path):
+    """Three files of three samples, and a table of three rows: one for each tap."""
+    written(tmp_path, ["a.txt", "b.txt", "c.txt"], samples=3)
+    assert found(tmp_path, "thing\ncup\nrod\nball\n") == {0: "cup", 1: "rod", 2: "ball"}
+
+
+def test_a_table_in_each_folder(tmp_path):
+    written(tmp_path, ["x/1.txt", "x/2.txt", "y/1.txt"])
+    (tmp_path / "x" / "labels.csv").write_text("thing\ncup\nrod\n")
+    (tmp_path / "y" / "labels.csv").write_text("thing\nball\n")
+    assert found(tmp_path, "thing\nwrong\n") == {0: "cup", 1: "rod", 2: "ball"}
+
+
+def test_taps_that_are_not_kept_have_their_rows_in_the_table(tmp_path):
+    for number in (0, 1):
+        np.savez(tmp_path / f"{number}.npz", x=np.arange(3.0).reshape(3, 1, 1) + 3 * number, ok=[1, number, 1])
+    table = "thing\n" + "\n".join("abcdef")
+    assert found(tmp_path, table, files="*.npz", taps="x", taxels=None, tap=None, keep="ok") == dict(
+        zip((0, 2, 3, 4, 5), "acdef", strict=True)
+    )
+    with pytest.raises(InputError, match=r"labels\.csv: 4 rows for 6 taps"):
+        found(tmp_path, "thing\na\nb\nc\nd\n", files="*.npz", taps="x", taxels=None, tap=None)
