@@ -11,17 +11,21 @@ from .formats.contents import Contents, Variable
 from .patterns import natural, number_in
 
 _WORDS = {
-    "time": r"^(t|time|times|timestamp|stamp|time ?s|time ?ms|seconds|elapsed.*)$|timestamp|log_time",
-    "trial": r"trial|repeat|repetition|\brep\b|attempt",
+    "time": r"^(t|time|times|timestamp|stamp|time ?s|time ?ms|seconds|elapsed.*|zeit)$|timestamp|log.?time",
+    "trial": r"trial|repeat|repetition|\brep\b|attempt|versuch",
     "tap": r"^tap|press|contact ?(id|no|number)|episode|touch ?(id|no|number)|segment|grasp ?(id|no|number)",
-    "session": r"session|\bday|date|\brun\b|subject|participant|user",
-    "what": r"what|object|material|texture|class|label|shape|letter|surface|stimulus|category|diameter|item",
-    "where": r"where|position|\bpos\b|location|angle|place|offset|\bx\b|x ?mm",
+    "session": r"session|\bday|date|\brun\b|subject|participant|user|^tag$",
+    "what": r"what|object|material|texture|class|label|shape|letter|surface|stimulus|category|diameter|item|objekt|^y$",
+    "where": r"where|position|\bpos\b|location|angle|place|offset|\bx\b|x ?mm|^p$",
 }
-_SIGNAL = r"taxel|signal|sensor|tactile|force|pressure|electrode|pac|pdc|channel|\bch ?\d|fsr|skin|cap|touch|elec|adc"
-_NAMES = r"name|label|categor"
+_SIGNAL = (
+    r"taxel|signal|sensor|tactile|force|pressure|electrode|pac|pdc|channel|\bch ?\d|fsr|skin|cap|touch|elec|adc|kraft"
+)
+_NAMES = r"name|label|categor|class|object|material"
 _FEW = 200
 """Distinct values of a column that can be labels."""
+_BETWEEN = re.compile(r"((?:[/_\s-]|(?<!\d)\.|\.(?!\d))+)")
+"""Between words of names of files: no point within a number."""
 _DATE = re.compile(r"(19|20)\d\d[-_.]?\d\d[-_.]?\d\d")
 
 
@@ -48,45 +52,64 @@ def name_pattern(names: Sequence[str]) -> tuple[str, list[Guess]]:
     """
     if len(names) < 2:
         return "", []
-    parts = [re.split(r"([/_\s.-]+)", name) for name in names]
+    parts = [_BETWEEN.split(name) for name in names]
     if len({len(each) for each in parts}) > 1 or any(
         len({each[i] for each in parts}) > 1 for i in range(1, len(parts[0]), 2)
     ):
         return "", []
-    taken: set[str] = set()
-    pieces, guesses = [], []
-    for i, first in enumerate(parts[0]):
-        values = [each[i] for each in parts]
-        before = parts[0][i - 2] if i > 1 and len({each[i - 2] for each in parts}) == 1 else ""
-        if len(set(values)) == 1:
-            pieces.append(first)
-            continue
-        key, reason = _field(values, before, taken, len(names))
-        pieces.append(f"{{{key}}}" if key else "*")
-        if key:
-            taken.add(key)
-            guesses.append(Guess(key, f"{{{key}}}", reason))
-    return "".join(pieces), guesses
+    words = [tuple(each[i] for each in parts) for i in range(len(parts[0]))]
+    varying = [i for i in range(len(words)) if len(set(words[i])) > 1]
+    found: dict[tuple[str, ...], Guess] = {}
+    for strict in (True, False):
+        for n, i in enumerate(varying):
+            if words[i] in found:
+                continue
+            before = words[i - 2][0] if i > 1 and i - 2 not in varying else ""
+            taken = {guess.key for guess in found.values()}
+            key, reason = _field(words[i], before, taken, last=n == len(varying) - 1, strict=strict)
+            if key:
+                found[words[i]] = Guess(key, f"{{{key}}}", reason)
+    pieces = [found[of].value if of in found else "*" if i in varying else of[0] for i, of in enumerate(words)]
+    return "".join(pieces), sorted(found.values(), key=lambda guess: pieces.index(guess.value))
 
 
-def _field(values: Sequence[str], before: str, taken: set[str], files: int) -> tuple[str, str]:
-    """Which field words of names may be, and why; empty if none is left."""
+def _field(values: Sequence[str], before: str, taken: set[str], *, last: bool, strict: bool) -> tuple[str, str]:
+    """Which field words of names may be, and why; empty if none is left.
+
+    What letters, units and dates tell comes first (`strict`); other numbers are the trial if they are the last ones,
+    else the position or the session.
+    """
     distinct = sorted(set(values), key=natural)
     shown = _shown(distinct)
     hint = before + " " + re.sub(r"\d+", " ", " ".join(distinct[:20]))
     numbers = [number_in(value) for value in distinct]
     units = {each[1] for each in numbers if each is not None}
+    letters = {re.sub(r"[\d.,+-]", " ", value).split(" ")[0].lower() for value in distinct}
     wanted: list[tuple[str, str]] = []
-    if re.search(_WORDS["session"], hint, re.IGNORECASE) or all(_DATE.search(value) for value in distinct):
-        wanted.append(("session", shown))
     if all(each is not None for each in numbers):
-        if units & {"mm", "cm", "deg", "um", "µm", "m"} or re.search(_WORDS["where"], before, re.IGNORECASE):
+        if letters in ({"s"}, {"d"}):
+            wanted.append(("session", shown))
+        if letters <= {"t", "r", "n"} and "" not in letters:
+            wanted.append(("trial", shown))
+        decimals = any("." in value or "," in value for value in distinct)
+        if units & {"mm", "cm", "deg", "um", "µm", "m"} or letters == {"p"} or decimals or _like("where", before):
             wanted.append(("where", f"numbers such as {shown}"))
-        wanted.append(("trial", f"numbers {shown}"))
-        if len(distinct) < files:
-            wanted.insert(len(wanted) - 1, ("where", f"few numbers, {shown}"))
-    wanted.append(("what", shown))
+        if _like("session", hint) or all(_DATE.search(value) for value in distinct):
+            wanted.insert(0, ("session", shown))
+        if not strict:
+            others = ["trial", "where", "session"] if last else ["where", "session", "trial"]
+            wanted += [(key, f"numbers {shown}") for key in others]
+    elif _like("session", hint):
+        wanted.append(("session", shown))
+    else:
+        wanted.append(("what", shown))
+    if not strict:
+        wanted.append(("what", shown))
     return next(((key, reason) for key, reason in wanted if key not in taken), ("", ""))
+
+
+def _like(key: str, text: str) -> bool:
+    return re.search(_WORDS[key], text, re.IGNORECASE) is not None
 
 
 def _shown(values: Sequence[str]) -> str:
@@ -101,27 +124,34 @@ def column_guesses(contents: Contents, values: Mapping[str, NDArray[Any]]) -> li
         values: Its columns that could be read.
     """
     guesses: dict[str, Guess] = {}
+    lists = [name for name, each in contents.variables.items() if len(each.shape) > 1 and _is_number(each)]
+    known, values = set(values), {name: each for name, each in values.items() if each.ndim == 1}
     numeric = {name for name, each in values.items() if _numbers(each) is not None}
+    alike = numeric | {name for name in values.keys() - numeric if _all_hold_a_number(values[name])}
     for key, words in _WORDS.items():
         for name, each in values.items():
             if key in guesses or not re.search(words, _plain(name), re.IGNORECASE):
                 continue
             distinct = len(np.unique(each))
-            if key == "time" and not _increases(each):
+            few = {"what": min(_FEW, max(2, len(each) // 2)), "where": _FEW}
+            if distinct > few.get("what" if key == "session" else key, len(each)):
                 continue
-            if key in ("what", "session") and distinct > min(_FEW, max(2, len(each) // 2)):
-                continue
-            if key in ("where", "trial", "tap") and name not in numeric:
-                continue
-            if key == "where" and distinct > _FEW:
+            if (key == "time" and not _increases(each)) or (key in ("where", "trial", "tap") and name not in alike):
                 continue
             guesses[key] = Guess(key, name, f"its name, and {distinct} different values")
     used = {guess.value for guess in guesses.values()}
     if "what" not in guesses:
-        texts = [name for name, each in values.items() if name not in numeric and 1 < len(np.unique(each)) <= _FEW]
+        texts = [name for name, each in values.items() if name not in alike and 1 < len(np.unique(each)) <= _FEW]
         if texts:
             guesses["what"] = Guess("what", texts[0], f"texts, {len(np.unique(values[texts[0]]))} different ones")
             used.add(texts[0])
+    if lists:
+        guesses.pop("tap", None)
+        name = next((name for name in lists if re.search(_SIGNAL, _plain(name), re.IGNORECASE)), lists[0])
+        guesses["taps"] = Guess("taps", name, "lists of numbers")
+        if name not in known:
+            guesses["length"] = Guess("length", "longest", "its lists differ in length")
+        return list(guesses.values())
     if "tap" not in guesses and "trial" in guesses and _repeats(values[guesses["trial"].value]):
         guesses["tap"] = Guess("tap", guesses["trial"].value, "its values stay the same for many rows")
     taxels = _taxels([name for name in values if name in numeric and name not in used], contents)
@@ -159,20 +189,21 @@ def array_guesses(contents: Contents, values: Mapping[str, NDArray[Any]]) -> lis
     name = max(variables, key=lambda each: (_is_number(variables[each]), _size(variables[each])))
     signal = variables[name]
     found = [Guess("taps", name, "the largest array of numbers")]
-    length = signal.shape[0] if signal.shape else None
-    rank = len(signal.shape)
-    axes = {1: "sample", 2: "tap,sample", 3: "tap,sample,taxel", 4: "what,tap,sample,taxel"}.get(rank, "")
-    if rank >= 5:
-        axes = ",".join([*("what", "where", "trial", "session")[: rank - 2], "sample", "taxel"])
+    axis = _axis_of_vectors(signal, variables)
+    length, rank = signal.shape[axis] if signal.shape else None, len(signal.shape)
     vectors = [
-        each
-        for each, of in variables.items()
-        if each != name and of.shape and np.prod([n or 1 for n in of.shape]) == (length or -1)
+        each for each, of in variables.items() if each != name and length and _size(of) == length == max(of.shape)
     ]
-    if rank != 3:
-        found.append(Guess("axes", axes, f"shape {_shape(signal)}; check which axis is which"))
+    times = [each for each in vectors if re.search(_WORDS["time"], _plain(each), re.IGNORECASE)]
+    frames = rank == 2 and axis == 0 and bool(times) and _increases(values.get(times[0], np.zeros(1)))
+    if frames:
+        found.append(Guess("time", times[0], f"its name, and one rising value for each of {length} rows"))
+    elif rank != 3 or axis:
+        found.append(Guess("axes", _axes(rank, axis), f"shape {_shape(signal)}; check which axis is which"))
+    if None in signal.shape[1:]:
+        found.append(Guess("length", "longest", "its elements differ in length"))
     for key in ("what", "where", "session", "trial"):
-        fitting = [each for each in vectors if re.search(_WORDS[key], _plain(each), re.IGNORECASE)]
+        fitting = [each for each in vectors if _like(key, _plain(each)) and each not in times]
         if fitting:
             found.append(Guess(key, fitting[0], f"its name, and one value for each of {length} taps"))
     what = next((guess.value for guess in found if guess.key == "what"), None)
@@ -190,6 +221,64 @@ def array_guesses(contents: Contents, values: Mapping[str, NDArray[Any]]) -> lis
             found.append(Guess("what_names", listed[0], "as many texts as objects"))
             if low == 1 and variables[listed[0]].shape[0] == top:
                 found.append(Guess("one_based", True, f"{what} runs from 1 to {top}"))
+                found += _positions(found, contents, values)
+    return _in_groups(found, contents)
+
+
+def _positions(found: Sequence[Guess], contents: Contents, values: Mapping[str, NDArray[Any]]) -> list[Guess]:
+    """The array of positions that indices from 1 refer to."""
+    where = next((guess.value for guess in found if guess.key == "where"), None)
+    if where is None or where not in values or values[where].dtype.kind not in "iuf" or values[where].min() != 1:
+        return []
+    top = values[where].max()
+    fitting = (each for each, of in contents.variables.items() if each != where and _is_number(of) and _size(of) == top)
+    name = next((each for each in fitting if _like("where", _plain(each))), None)
+    return [] if name is None else [Guess("where_values", name, "as many numbers as positions")]
+
+
+def _axis_of_vectors(signal: Variable, variables: Mapping[str, Variable]) -> int:
+    """The axis that is as long as most of the arrays with one axis: that of taps."""
+    lengths = [_size(of) for of in variables.values() if of.shape and _size(of) == max(n or 1 for n in of.shape)]
+    counts = [lengths.count(n) if n and n > 1 else 0 for n in signal.shape]
+    return int(np.argmax(counts)) if counts else 0
+
+
+def _axes(rank: int, axis: int) -> str:
+    """Axes of so many, where this is that of taps."""
+    if rank >= 5:
+        return ",".join([*("what", "where", "trial", "session")[: rank - 2], "sample", "taxel"])
+    rest = {1: [], 2: ["sample"], 3: ["sample", "taxel"], 4: ["what", "sample", "taxel"]}.get(rank, [])
+    return (
+        "sample"
+        if rank == 1
+        else ",".join([*rest[:axis], "tap", *rest[axis:]])
+        if axis or rank < 4
+        else ("what,tap,sample,taxel")
+    )
+
+
+def _in_groups(found: list[Guess], contents: Contents) -> list[Guess]:
+    """The same for all groups whose names differ in one number, which becomes a field."""
+    taps = found[0].value
+    for number in re.finditer(r"\d+", taps):
+        before, after = taps[: number.start()], taps[number.end() :]
+        called = re.compile(re.escape(before) + r"\d+" + re.escape(after))
+        rank = len(contents.variables[taps].shape)
+        alike = [each for each, of in contents.variables.items() if called.fullmatch(each) and len(of.shape) == rank]
+        if len(alike) < 2:
+            continue
+        word = re.split(r"[/_.\s-]", before.rstrip("/_.- "))[-1]
+        key = next((key for key in ("trial", "where", "session") if _like(key, word)), "session")
+        here = taps[: number.end()]
+        changed = [
+            guess._replace(value=f"{before}{{{key}}}{guess.value[len(here) :]}")
+            if isinstance(guess.value, str) and guess.value.startswith(here)
+            else guess
+            for guess in found
+            if guess.key != key
+        ]
+        changed[0] = changed[0]._replace(reason=f"{len(alike)} large arrays of numbers, called alike")
+        return changed
     return found
 
 
@@ -218,6 +307,13 @@ def _numbers(values: NDArray[Any]) -> NDArray[np.float64] | None:
         return values.astype(np.float64) if values.ndim == 1 else None
     except ValueError:
         return None
+
+
+def _all_hold_a_number(texts: NDArray[Any]) -> bool:
+    """Whether few different texts have one number each, and all with one unit."""
+    distinct = np.unique(texts).tolist()[: _FEW + 1]
+    found = {None if (each := number_in(text)) is None else each[1] for text in distinct}
+    return len(distinct) <= _FEW and len(found) == 1 and None not in found
 
 
 def _increases(values: NDArray[Any]) -> bool:

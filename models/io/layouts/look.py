@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError, check_path, printable
+from ..untrusted import in_bytes
 from .assemble import read_mapped
 from .files import SourceFile, names_below, source_files
 from .formats.contents import Contents, Variable
@@ -20,6 +21,10 @@ from .mapping import TapMap
 _MOST_NAMES, _MOST_VARIABLES = 6, 40
 _SMALL = 1 << 27
 """Bytes of arrays that are read to show their range."""
+_BLOCKS = 4
+"""Blocks of a table that are read for it."""
+_TRIED = 1 << 28
+"""Bytes of files whose map is tried."""
 
 
 def look(sources: Sequence[str | Path], how: TapMap) -> str:
@@ -51,10 +56,12 @@ def look(sources: Sequence[str | Path], how: TapMap) -> str:
     known = {guess.key for guess in guesses}
     guesses += [guess for guess in inside if guess.key not in known and not (guess.key == "tap" and "trial" in known)]
     keys = {guess.key for guess in guesses}
-    if contents.table and not keys & {"tap"} and len(files) > 1 and keys & {"trial", "what"}:
+    cut = {"tap", "taps"} if contents.table else {"tap", "axes"} if "time" in keys else keys
+    if not keys & cut and len(files) > 1 and keys & {"trial", "what"}:
         guesses.append(Guess("tap", "file", "each file is one tap, if it is"))
     return (
-        "\n".join([*(f"# {line}".rstrip() for line in map(printable, lines)), "", *_map(sources, how, guesses)]) + "\n"
+        "\n".join([*(f"# {line}".rstrip() for line in map(printable, lines)), "", *_map(sources, files, how, guesses)])
+        + "\n"
     )
 
 
@@ -72,8 +79,6 @@ def _files(path: Path) -> Iterator[str]:
 
 
 def _bytes(path: Path) -> str:
-    from ..untrusted import in_bytes  # noqa: PLC0415
-
     return in_bytes(path.stat().st_size)
 
 
@@ -95,6 +100,7 @@ def _kind(paths: Sequence[Path]) -> str | None:
 def _read(contents: Contents) -> dict[str, NDArray[Any]]:
     """Columns, and arrays that are small."""
     names = [name for name, each in contents.variables.items() if contents.table or _known_bytes(each) <= _SMALL]
+    contents.most = _BLOCKS
     values = contents.read(names)[0]
     return {name: of for name, of in values.items() if isinstance(of, np.ndarray)}
 
@@ -119,7 +125,9 @@ def _held(contents: Contents, values: Mapping[str, NDArray[Any]]) -> Iterator[st
     for name, text in contents.attributes.items():
         yield f"  attribute {name}: {str(text)[:60]}"
     if contents.table and values:
-        yield f"  {len(next(iter(values.values())))} rows"
+        rows = len(next(iter(values.values())))
+        whole = contents.path.stat().st_size < _BLOCKS << 20
+        yield f"  {rows} rows" if whole else f"  the first {rows} rows, if there are more"
 
 
 def _summary(values: NDArray[Any] | None, variable: Variable) -> Iterator[str]:
@@ -152,7 +160,9 @@ def _differences(others: Sequence[SourceFile], first: Contents, how: TapMap) -> 
             yield f"{file.below} differs in {', '.join(apart[:_MOST_NAMES])}."
 
 
-def _map(sources: Sequence[str | Path], how: TapMap, guesses: Sequence[Guess]) -> Iterator[str]:
+def _map(
+    sources: Sequence[str | Path], files: Sequence[SourceFile], how: TapMap, guesses: Sequence[Guess]
+) -> Iterator[str]:
     """The map, and what it gives."""
     given = {name: value for name in how.__struct_fields__ if (value := getattr(how, name)) != getattr(TapMap(), name)}
     chosen = [guess for guess in guesses if guess.key not in given]
@@ -165,6 +175,10 @@ def _map(sources: Sequence[str | Path], how: TapMap, guesses: Sequence[Guess]) -
             yield f"# {guess.key}: {guess.value} in the names of files, {guess.reason}"
         else:
             yield f"{guess.key} = {_toml(guess.value)}  # {guess.reason}"
+    size = sum(file.path.stat().st_size for file in files)
+    if size > _TRIED:
+        yield f"# This map was not tried on {in_bytes(size)}."
+        return
     try:
         whole = how.changed(**values)
         recording = read_mapped(sources, whole).recording

@@ -137,8 +137,9 @@ def check_numbers(
     if how.tap is None or how.tap.startswith("restart:"):
         return
     seen: set[tuple[Any, ...]] = set()
-    for start in starts.tolist():
-        key = (number[start].item(), *(of[start].item() for of in _changing(labels, len(number))))
+    changing = [of[starts].tolist() for of in (number, *_changing(labels, len(number)))]
+    for start, *each in zip(starts.tolist(), *changing, strict=True):
+        key = tuple(each)
         if key in seen:
             raise InputError(
                 f"{place(start)}: tap {as_texts(number[start : start + 1])[0]} starts again after another tap; rows of "
@@ -177,11 +178,10 @@ def check_labels(
         if len(values) != rows:
             raise InputError(f"{key} (--{key}) has {len(values)} values for {rows} rows.")
         if starts is not None:
-            first = np.repeat(starts, np.diff(starts, append=rows))
-            same = (values == values[first]) | ((values != values) & (values[first] != values[first]))  # noqa: PLR0124
-            bad = np.flatnonzero(~same)
+            changes = np.setdiff1d(np.flatnonzero(values[1:] != values[:-1]) + 1, starts)
+            missing = (values[changes] != values[changes]) & (values[changes - 1] != values[changes - 1])
+            bad = changes[~missing]
             if len(bad):
                 raise InputError(
-                    f"{place(int(bad[0]))}: {key} changes within a tap from {values[first[bad[0]]]} to "
-                    f"{values[bad[0]]}."
+                    f"{place(int(bad[0]))}: {key} changes within a tap from {values[bad[0] - 1]} to {values[bad[0]]}."
                 )

@@ -88,7 +88,7 @@ class ColumnarContents(Contents):
                 row += len(batch)
 
         try:
-            return gathered(parts, list(names), len(columns))
+            return gathered(parts, list(names), len(columns), self.most)
         except (pa.ArrowException, OSError) as error:
             raise InputError(f"damaged: {_said(error)}.") from error
 

@@ -1,7 +1,7 @@
 """Columns that are read part by part: numbers side by side, texts, and elements of several numbers."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from itertools import chain
+from itertools import chain, islice
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,7 +25,7 @@ class Part(NamedTuple):
 
 
 def gathered(
-    parts: Callable[[], Iterable[Part]], names: Sequence[str], width: int
+    parts: Callable[[], Iterable[Part]], names: Sequence[str], width: int, most: int | None = None
 ) -> tuple[dict[str, Values], NDArray[Any] | None]:
     """All rows, as `Contents.read` returns them.
 
@@ -33,12 +33,13 @@ def gathered(
         parts: Reads them; again where the folder for temporary files has no room.
         names: Of the variables that are read as they are.
         width: Number of columns that are read side by side.
+        most: Number of parts that are read; `None` for all.
     """
     kept: list[Sequence[Values | None]] = []
 
     def blocks() -> Iterator[NDArray[np.float64]]:
         kept.clear()
-        for part in parts():
+        for part in islice(parts(), most):
             kept.append(part.values)
             yield np.ascontiguousarray(part.numbers, np.float64)
 

@@ -67,6 +67,7 @@ class Contents(ABC):
         unreadable: Names of what cannot be read, each with the reason, for messages.
         attributes: Texts and numbers that belong to the file, such as a licence.
         table: Whether the variables are columns of one table, with as many rows each.
+        most: How many blocks of rows of a table `read` reads, each of some MiB; `None` for all.
     """
 
     path: Path
@@ -74,6 +75,7 @@ class Contents(ABC):
     unreadable: Mapping[str, str]
     attributes: Mapping[str, str | float]
     table: bool = False
+    most: int | None = None
 
     @abstractmethod
     def read(self, names: Sequence[str], columns: Sequence[str] = ()) -> tuple[dict[str, Values], NDArray[Any] | None]:

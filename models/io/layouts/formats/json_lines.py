@@ -59,7 +59,7 @@ class JsonLines(Contents):
             for block in self._lines:
                 yield objects.part(_rows(block), asked, numbers, lambda row, block=block: _line(block, row))
 
-        return gathered(parts, list(names), len(columns))
+        return gathered(parts, list(names), len(columns), self.most)
 
     @override
     def place(self, row: int) -> str:

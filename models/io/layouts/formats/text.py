@@ -58,7 +58,7 @@ class TextContents(Contents):
                 part = _quickly(block, self._layout, texts, numbers)
                 yield _exactly(block, self._layout, texts, numbers) if part is None else part
 
-        return gathered(parts, list(names), len(columns))
+        return gathered(parts, list(names), len(columns), self.most)
 
     @override
     def place(self, row: int) -> str:

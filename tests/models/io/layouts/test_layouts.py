@@ -13,6 +13,7 @@ import typer
 from mcap.writer import Writer
 from solidtouch.cli.convert import convert
 from solidtouch.models.errors import InputError
+from solidtouch.models.io.layouts.mapping import load_map
 from solidtouch.models.taps import TapSet
 from typer.testing import CliRunner
 
@@ -270,3 +271,43 @@ def test_mcap(presses, tmp_path):
 
     check(taps, presses)
     assert taps.preprocessing.rate_hz == 50
+
+
+class WrittenError(Exception):
+    """A layout is written; its options are not needed."""
+
+
+LAYOUTS = {name.removeprefix("test_"): value for name, value in sorted(globals().items()) if name.startswith("test_")}
+TOLD = {
+    "semicolons_and_decimal_commas_with_units_in_the_header": ["--decimal", ","],
+    "text_with_blanks_and_comments": ["--delimiter", "blank", "--comment", "%", "--no-header"],
+}
+"""What a user has to say, of layouts that do not tell."""
+UNCLEAR = {
+    "an_array_with_axes_for_labels_and_names_beside_it",
+    "an_array_with_a_table_of_labels",
+    "an_npz_without_names",
+}
+"""Layouts without names of what is in them."""
+
+
+@pytest.mark.parametrize("name", LAYOUTS)
+def test_look_prints_a_map_that_is_read_and_mostly_right(name, presses, tmp_path, monkeypatch):
+    """It is right but for layouts that name nothing."""
+
+    def written(_, *words):
+        raise WrittenError(words[0])
+
+    monkeypatch.setitem(globals(), "converted", written)
+    with pytest.raises(WrittenError) as told:
+        LAYOUTS[name](presses, tmp_path)
+    monkeypatch.undo()
+    source, app = told.value.args[0], typer.Typer()
+    app.command()(convert)
+    result = CliRunner().invoke(app, ["--look", *TOLD.get(name, []), str(source)])
+    assert result.exit_code == 0, result.output
+    (tmp_path / "map.toml").write_text(result.stdout)
+    load_map(tmp_path / "map.toml")
+    if name not in UNCLEAR:
+        assert "\n# With this map: 36 taps, 4 samples x 3 taxels, 3 objects, 3 positions, 2 sessions." in result.stdout
+        check(converted(tmp_path, source, ["--map", str(tmp_path / "map.toml")]), presses)
