@@ -4,6 +4,9 @@ Given the covariance across taxels that in time has a Wishart posterior of its p
 is updated with what is expected of the other until nothing changes ("flip-flop"; Dutilleul, Journal of Statistical
 Computation and Simulation 64 (1999) 105, in its variational form, Bishop ch. 10). The Wishart distribution that holds
 the taxel precisions of all classes is the one under which these are most probable.
+
+Taps of one sample, such as feature vectors, have no covariance in time. Then the posterior is exact given the prior,
+and so is the predictive distribution, Student's t of several dimensions; for the prior see `fits.covariances`.
 """
 
 from collections.abc import Callable, Iterator
@@ -16,9 +19,10 @@ from scipy.optimize import brentq
 from scipy.special import psi  # pyright: ignore[reportAttributeAccessIssue] - missing in the stubs
 
 from .fits.cells import CELL
-from .fits.posterior import Convergence, Sites, ascent, check_times
+from .fits.covariances import inverse_wishart, shrinking_prior, strength_of_means, unit_triangular
+from .fits.posterior import EXACT_COVARIANCES, Convergence, Sites, ascent, check_covariances
 from .fits.priors import Taps
-from .likelihood.forecasts import Unseen, over_draws
+from .likelihood.forecasts import Unseen, log_student_vectors, over_draws
 from .likelihood.forms import GaussianForm
 from .likelihood.shapes import Measure, Parameters, chain_form
 from .model import Row
@@ -36,9 +40,9 @@ class KroneckerPrior(NamedTuple):
 
     Attributes:
         time_freedom: Degrees of freedom in time.
-        time_scale: Expected covariance in time times the freedom, shape (J, J).
+        time_scale: Inverse of the Wishart's scale, shape (J, J).
         taxel_freedom: Degrees of freedom across taxels.
-        taxel_scale: Expected covariance across taxels times the freedom, shape (K, K).
+        taxel_scale: Inverse of that Wishart's scale, shape (K, K).
         strength: How many taps the prior of the mean, at 0, is worth; 0 for a flat prior.
     """
 
@@ -55,12 +59,15 @@ def story(
     """Generative model: residuals correlated in time, equally in all classes, and across taxels, per class.
 
     The covariance of two samples is the product of one in time (J, J) and one across taxels (K, K). One Wishart
-    distribution holds the taxel precisions of all classes. Without a `prior` it is a weak one.
+    distribution holds the taxel precisions of all classes. Without a `prior` it is a weak one. The covariance in
+    time of taps of one sample is 1.
     """
     from .fits.story_parts import dist, jnp, numpyro, plates
 
     prior = prior or weak_prior(J, K)._replace(strength=_WEAK)
-    time: Any = numpyro.sample("time", dist.Wishart(prior.time_freedom, jnp.linalg.inv(prior.time_scale)))
+    time: Any = jnp.eye(1)
+    if J > 1:
+        time = numpyro.sample("time", dist.Wishart(prior.time_freedom, jnp.linalg.inv(prior.time_scale)))
     with plates(("L", L, -2), ("M", M, -1)):
         taxel_scale = jnp.linalg.inv(prior.taxel_scale)
         taxel: Any = numpyro.sample("taxel", dist.Wishart(prior.taxel_freedom, taxel_scale))
@@ -75,7 +82,7 @@ def story(
 
 
 class KroneckerPosterior(NamedTuple):
-    """Factorised Wishart posterior of both precisions.
+    """Factorised Wishart posterior of both precisions; with one sample per tap that in time is 1 and this one exact.
 
     Attributes:
         time_freedom: Degrees of freedom in time.
@@ -100,20 +107,41 @@ class KroneckerPosterior(NamedTuple):
     change: float
 
     def point(self) -> dict[str, NDArray[np.float64]]:
-        """Expected means, and covariances from expected precisions, the one in time scaled to trace J."""
+        """Expected means, and covariances from expected precisions, the one in time scaled to trace J.
+
+        With one sample per tap the covariance across taxels is the scale of the distribution of a new tap, Student's t,
+        so that it does not matter how many taxels there are besides.
+        """
+        if self.single:
+            taxel = self.taxel_scale / self.tails[..., None, None]
+            return {"level": self.level, "time_covariance": np.eye(1), "taxel_covariance": taxel}
         time = self.time_scale / self.time_freedom
         unit = np.trace(time) / len(time)
         taxel = self.taxel_scale / self.taxel_freedom[..., None, None]
         return {"level": self.level, "time_covariance": time / unit, "taxel_covariance": taxel * unit}
 
+    @property
+    def single(self) -> bool:
+        """Whether taps have one sample."""
+        return len(self.time_scale) == 1
+
+    @property
+    def tails(self) -> NDArray[np.float64]:
+        """Degrees of freedom of a new tap of one sample, shape (L, M)."""
+        return self.taxel_freedom - self.taxel_scale.shape[-1] + 1
+
     def convergence(self) -> Convergence:
-        """Convergence of the coordinate ascent."""
+        """Convergence of the coordinate ascent, if there was one."""
+        if self.single:
+            return EXACT_COVARIANCES
         return ascent(self.rounds, self.change, _STILL)
 
     def draw(self, generator: np.random.Generator) -> dict[str, NDArray[np.float64]]:
         """Draw of the parameters, scaled as in `point`."""
-        time = _inverse_wishart(self.time_scale, np.asarray(self.time_freedom), generator)
-        taxel = _inverse_wishart(self.taxel_scale, self.taxel_freedom, generator)
+        time = np.eye(1)
+        if not self.single:
+            time = inverse_wishart(self.time_scale, np.asarray(self.time_freedom), generator)
+        taxel = inverse_wishart(self.taxel_scale, self.taxel_freedom, generator)
         rows, columns = np.linalg.cholesky(time), np.linalg.cholesky(taxel)
         noise = rows @ generator.standard_normal(self.level.shape) @ columns.swapaxes(-1, -2)
         level = self.level + noise / np.sqrt(np.maximum(self.strength, 1.0))[..., None, None]
@@ -128,6 +156,8 @@ def weak_prior(J: int, K: int) -> KroneckerPrior:
 
 def fit(taps: Taps, prior: KroneckerPrior | None = None) -> KroneckerPosterior:
     """Factorised posterior of `story`; without a given prior, that of the taxels is estimated."""
+    if taps.samples.shape[1] == 1:
+        return _of_vectors(taps, prior)
     residuals, (L, M), (_, J, K) = _Residuals(taps, Moments.of(taps)), taps.shape, taps.samples.shape
     count, known = residuals.moments.taps, prior
     prior = known or weak_prior(J, K)
@@ -147,18 +177,34 @@ def fit(taps: Taps, prior: KroneckerPrior | None = None) -> KroneckerPosterior:
         change, rounds = float(np.abs((shape - before) / np.outer(deviation, deviation)).max()), rounds + 1
         if known is None and rounds <= _SETTLING:
             prior = _estimated(prior, taxel_scale[freedom > 0], taxel_freedom[freedom > 0])
-    share = count / np.maximum(count + prior.strength, 1e-300)
+    across = taxel_freedom.reshape(L, M), taxel_scale.reshape(L, M, K, K)
     return KroneckerPosterior(
-        time_freedom,
-        time_scale,
-        taxel_freedom.reshape(L, M),
-        taxel_scale.reshape(L, M, K, K),
-        share[..., None, None] * residuals.moments.mean,
-        count + prior.strength,
-        prior,
-        rounds,
-        change,
+        time_freedom, time_scale, *across, *residuals.means(prior.strength), prior, rounds, change
     )
+
+
+def _of_vectors(taps: Taps, known: KroneckerPrior | None) -> KroneckerPosterior:
+    """Posterior for taps of one sample, exact given the prior."""
+    residuals, (L, M), (_, J, K) = _Residuals(taps, Moments.of(taps)), taps.shape, taps.samples.shape
+    count, mean = residuals.moments.taps.ravel(), residuals.moments.mean.reshape(L * M, K)
+    flat = weak_prior(J, K)._replace(taxel_scale=np.zeros((K, K)))
+    scale = residuals.across_taxels(flat, np.eye(J))
+    prior = _learned(flat, scale, count, mean) if known is None else known
+    freedom = count if prior.strength else np.maximum(count - 1, 0.0)
+    for c, weight in enumerate(prior.strength * count / np.maximum(prior.strength + count, 1.0)):
+        scale[c] += prior.taxel_scale
+        scale[c] += weight * np.outer(mean[c], mean[c])
+    across = (prior.taxel_freedom + freedom).reshape(L, M), scale.reshape(L, M, K, K)
+    return KroneckerPosterior(1.0, np.eye(J), *across, *residuals.means(prior.strength), prior, 0, 0.0)
+
+
+def _learned(
+    flat: KroneckerPrior, scatter: NDArray[np.float64], count: NDArray[np.float64], mean: NDArray[np.float64]
+) -> KroneckerPrior:
+    """Prior for taps of one sample from scatters (C, K, K), numbers (C,) and means (C, K) of the taps of classes."""
+    freedom, scale = shrinking_prior(scatter, np.maximum(count - 1, 0.0))
+    strength = strength_of_means(mean, count, scale / (freedom - len(scale) - 1))
+    return flat._replace(taxel_freedom=freedom, taxel_scale=scale, strength=strength)
 
 
 def _estimated(prior: KroneckerPrior, scale: NDArray[np.float64], freedom: NDArray[np.float64]) -> KroneckerPrior:
@@ -202,6 +248,11 @@ class _Residuals(NamedTuple):
 
     taps: Taps
     moments: Moments
+
+    def means(self, strength: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Expected means (L, M, J, K) where the prior at 0 is worth `strength` taps, and what they are worth (L, M)."""
+        worth = self.moments.taps + strength
+        return (self.moments.taps / np.maximum(worth, 1e-300))[..., None, None] * self.moments.mean, worth
 
     def across_taxels(self, prior: KroneckerPrior, time: NDArray[np.float64]) -> NDArray[np.float64]:
         """Expected sums of squares across taxels given the covariance in time, shape (L M, K, K)."""
@@ -255,20 +306,6 @@ def _by_class(own: NDArray[np.intp]) -> Iterator[tuple[int, NDArray[np.intp]]]:
         yield int(own[members[0]]), members
 
 
-def _inverse_wishart(
-    scale: NDArray[np.float64], freedom: NDArray[np.float64], generator: np.random.Generator
-) -> NDArray[np.float64]:
-    """Inverse Wishart draws of covariances (..., D, D); Bartlett's decomposition."""
-    D = scale.shape[-1]
-    factor = np.tril(generator.standard_normal(scale.shape), -1)
-    diagonal = np.sqrt(generator.chisquare(freedom[..., None] - np.arange(D)))
-    factor[..., np.arange(D), np.arange(D)] = diagonal
-    # precision = C F F' C' with C C' = inverse of the scale, so covariance = (F' C')^-1 (C F)^-1
-    root = np.linalg.cholesky(np.linalg.inv(scale)) @ factor
-    inverse = np.linalg.inv(root)
-    return inverse.swapaxes(-1, -2) @ inverse
-
-
 def arguments(_: Taps, posterior: KroneckerPosterior) -> dict[str, KroneckerPrior]:
     """Arguments of `story`: the prior that the fit estimated."""
     return {"prior": posterior.prior}
@@ -276,9 +313,9 @@ def arguments(_: Taps, posterior: KroneckerPosterior) -> dict[str, KroneckerPrio
 
 def parameters_of(sites: Sites) -> Sites:
     """Parameters from draws: covariances from precisions, the one in time scaled to trace J."""
-    time = np.linalg.inv(sites["time"])
-    unit = np.trace(time, axis1=-2, axis2=-1) / time.shape[-1]
     taxel = np.linalg.inv(sites["taxel"])
+    time = np.linalg.inv(sites["time"]) if "time" in sites else np.ones((*taxel.shape[:-4], 1, 1))
+    unit = np.trace(time, axis1=-2, axis2=-1) / time.shape[-1]
     return {
         "level": sites["level"],
         "time_covariance": time / unit[..., None, None],
@@ -291,29 +328,29 @@ def sites_of(parameters: Parameters) -> Parameters:
     """Sites of `story`: precisions."""
     unit = parameters.get("unit", 1.0)
     time, taxel = parameters["time_covariance"] * unit, parameters["taxel_covariance"] / unit
-    return {"level": parameters["level"], "time": np.linalg.inv(time), "taxel": np.linalg.inv(taxel)}
+    sites = {"level": parameters["level"], "taxel": np.linalg.inv(taxel)}
+    return sites if len(time) == 1 else sites | {"time": np.linalg.inv(time)}
 
 
 def form(parameters: Parameters, frame: Measure) -> GaussianForm:
     """Likelihood of bins under `story`: V and W from the Cholesky factors of both covariances."""
-    time, time_variance = _unit_triangular(parameters["time_covariance"])
-    taxel, taxel_variance = _unit_triangular(parameters["taxel_covariance"])
+    time, time_variance = unit_triangular(parameters["time_covariance"])
+    taxel, taxel_variance = unit_triangular(parameters["taxel_covariance"])
     variance = time_variance[:, None] * taxel_variance[:, :, None, :]
     return chain_form(parameters["level"][None], variance, time[None], taxel, frame)
-
-
-def _unit_triangular(covariance: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Unit lower triangular matrices that whiten covariances (..., D, D), and the remaining variances (..., D)."""
-    root = np.linalg.cholesky(covariance)
-    diagonal = np.diagonal(root, axis1=-2, axis2=-1)
-    return np.tril(np.linalg.inv(root) * diagonal[..., :, None]), diagonal**2
 
 
 def integrated(
     posterior: KroneckerPosterior, frame: Measure, unseen: Unseen, generator: np.random.Generator
 ) -> NDArray[np.float64]:
-    """Predictions widened by the uncertainty of the means, averaged over draws of both covariances."""
+    """Predictions widened by the uncertainty of the means, averaged over draws of both covariances.
+
+    Those of taps of one sample are exact.
+    """
     inflation = np.sqrt(1 + 1 / np.maximum(posterior.strength, 1.0))[..., None, None]
+    if posterior.single:
+        point = form(posterior.point(), frame)
+        return log_student_vectors(point._replace(scale=point.scale * inflation), posterior.tails, unseen)
 
     def one() -> NDArray[np.float64]:
         drawn = form({**posterior.draw(generator), "level": posterior.level}, frame)
@@ -331,7 +368,7 @@ MODEL = Story(
         "time_covariance": ("sample", "other_sample"),
         "taxel_covariance": ("where", "what", "taxel", "other_taxel"),
     },
-    check=check_times,
+    check=check_covariances,
     closed=fit,
     form=form,
     arguments=arguments,

@@ -320,8 +320,18 @@ def _check_parameters(model: ParametricModel) -> None:
         if not (values > 0).all():
             raise ValueError(f"{name} is not above 0 everywhere.")
     for name, dims in story.dims.items():
-        if dims[-1] == f"other_{dims[-2:][0]}" and (np.linalg.eigvalsh(model.parameters[name]) <= 0).any():
+        if dims[-1] == f"other_{dims[-2:][0]}" and not _positive(model.parameters[name]):
             raise ValueError(f"{name} is not a covariance.")
+
+
+def _positive(matrices: NDArray[np.float64]) -> bool:
+    """Whether symmetric matrices (..., D, D) are positive definite."""
+    try:
+        for which in np.ndindex(matrices.shape[:-2]):
+            np.linalg.cholesky(matrices[which])
+    except np.linalg.LinAlgError:
+        return False
+    return True
 
 
 def _check_array(name: str, values: NDArray[np.float64], shape: tuple[int, ...]) -> None:

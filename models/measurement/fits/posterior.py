@@ -29,6 +29,9 @@ class Convergence(NamedTuple):
 
 EXACT = Convergence(True, "The posterior is exact.", {})
 EXACT_CELLS = Convergence(True, "The posterior is exact, given the prior of the variances that all classes share.", {})
+EXACT_COVARIANCES = Convergence(
+    True, "The posterior is exact, given the prior of the covariances that all classes share.", {}
+)
 
 
 def ascent(rounds: int, change: float, still: float) -> Convergence:
@@ -134,6 +137,7 @@ class SamplePosterior(NamedTuple):
 
 
 FEWEST_PLACES = 3
+MOST_COVARIANCES = 1 << 26  # numbers in the covariances of all classes: 0.5 GiB, of which a fit takes several
 
 
 def check_cells(name: str, taps: Taps) -> None:
@@ -153,8 +157,25 @@ def check_times(name: str, taps: Taps) -> None:
         InputError: There is one sample per tap, or on average less than two taps per class.
     """
     if taps.samples.shape[1] == 1:
-        raise InputError(f"{name} needs more than one sample per tap; use gaussian or profile-mvn for one.")
+        raise InputError(f"{name} needs more than one sample per tap; use gaussian or matrix-normal for one.")
     _check_repeats(name, taps)
+
+
+def check_covariances(name: str, taps: Taps) -> None:
+    """Checks the taps of a model with a covariance across taxels for each class.
+
+    Raises:
+        InputError: There are on average less than two taps per class, or the covariances of taps of one sample would
+            take too much memory.
+    """
+    _check_repeats(name, taps)
+    (L, M), (_, J, K) = taps.shape, taps.samples.shape
+    if J == 1 and L * M * K**2 > MOST_COVARIANCES:
+        most = int((MOST_COVARIANCES / (L * M)) ** 0.5)
+        raise InputError(
+            f"{name} with one sample per tap holds the covariance of all taxels for each class; for {L * M} classes it "
+            f"takes at most {most} taxels, got {K}: use gaussian, or fewer features."
+        )
 
 
 def check_taxels(name: str, taps: Taps) -> None:

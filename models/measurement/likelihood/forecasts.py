@@ -175,6 +175,34 @@ def log_t_probability(form: GaussianForm, q: int, freedom: NDArray[np.float64], 
     return log_student_probability(lower, upper, values, which).sum(axis=(1, 2))
 
 
+def log_student_vectors(form: GaussianForm, freedom: NDArray[np.float64], unseen: Unseen) -> NDArray[np.float64]:
+    """Log probability of the bins of taps of one sample, with Student's t of K dimensions for the normal, shape (N,).
+
+    As a chain: given the taxels before it each is Student's t, with a degree of freedom more for each of them and a
+    scale that follows how far they were from what was expected.
+
+    Args:
+        form: Of one Gaussian, whose covariance becomes the scale of the t.
+        freedom: Degrees of freedom of each hypothesis, shape (L, H).
+        unseen: The taps.
+
+    Raises:
+        InputError: A sample is missing.
+    """
+    if not np.isfinite(unseen.taps).all():
+        raise InputError(NOT_FINITE)
+    (samples, below, above), own = unseen.gaps, unseen.own
+    innovation, scale = np.empty(samples.shape), form.scale[0][own]
+    for l, m in np.unique(np.stack(own), axis=1).T:  # with one matrix at a time, as they may be large
+        members = np.flatnonzero((own[0] == l) & (own[1] == m))
+        innovation[members] = form.innovations(samples[members], np.array([l]), np.array([m]))
+    size = (innovation / scale) ** 2
+    before = np.cumsum(size, axis=2) - size
+    known = freedom[own][:, None, None] + np.arange(samples.shape[2])
+    scale = scale * np.sqrt((freedom[own][:, None, None] + before) / known)
+    return log_student_probability((below + innovation) / scale, (above + innovation) / scale, known).sum(axis=(1, 2))
+
+
 def over_draws(one: Callable[[], NDArray[np.float64]]) -> NDArray[np.float64]:
     """Log of the mean probability over draws."""
     return log_mean([one() for _ in range(DRAWS)])

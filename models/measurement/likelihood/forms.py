@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from ...threads import cores, in_order
 from .bins import TableForm, known_bins
 
+_WIDE = 128  # taxels from which on products of matrices take less time than loops
 AT_ONCE = 64  # taps of a Gaussian form that one thread takes at a time
 _ROOM = 1 << 22  # bins and log probabilities of independent samples held at a time
 _FEW = 1 << 13  # samples whose log probabilities under one class take no longer than to start a thread
@@ -203,8 +204,25 @@ class PreparedGaussian(NamedTuple):
         from .innovations import class_log_probability
 
         part = np.empty((len(gaps[0]), self.mean.shape[1]))
-        class_log_probability(*gaps, *self[:-1], part)
+        if gaps[0].shape[1] == 1 and self.taxel.shape[-1] >= _WIDE:
+            self._of_vectors(gaps, part)
+        else:
+            class_log_probability(*gaps, *self[:-1], part)
         return np.where(self.impossible, -np.inf, part.reshape(-1, *self.impossible.shape))
+
+    def _of_vectors(self, gaps: BinGaps, out: NDArray[np.float64]) -> None:
+        """Log probability of the bins of taps of one sample of many taxels, by products of matrices; into (n, C)."""
+        from .innovations import vectors_log_probability
+
+        samples, below, above = (part[:, 0] for part in gaps)
+        parts = np.empty((len(self.log_weight), len(samples)))
+        for c in range(out.shape[1]):
+            taxel = self.taxel[c if len(self.taxel) > 1 else 0]
+            for q, log_weight in enumerate(self.log_weight):
+                innovation = (samples - self.mean[q, c, 0]) @ taxel.T
+                vectors_log_probability(innovation, below, above, self.scale[q, c, 0], parts[q])
+                parts[q] += log_weight
+            out[:, c] = np.logaddexp.reduce(parts, axis=0)
 
 
 type Form = TableForm | GaussianForm

@@ -117,6 +117,13 @@ def whiten_taxels(tap, taxel, room, J):
         J: Number of times.
     """
     K = len(taxel)
+    if J == 1:
+        for k in range(K - 1, 0, -1):
+            total = tap[k]
+            for i in range(k):
+                total += taxel[k, i] * tap[i]
+            tap[k] = total
+        return
     for k in range(K):
         for j in range(J):
             room[k * J + j] = tap[j * K + k]
@@ -192,6 +199,27 @@ def class_log_probability(taps, below, above, mean, taxel, scale, time, log_weig
                     whitened, below[i], above[i], mean[q, c], mix, scale[q, c], room
                 )
             out[i, c] = log_sum(parts)
+
+
+@compiled
+def vectors_log_probability(innovation, below, above, scale, out):
+    """Log probability of the bins of taps of one sample under one Gaussian.
+
+    Args:
+        innovation: Of all taxels, shape (n, K).
+        below: Lower edge of each sample's bin minus the sample, likewise.
+        above: Upper edge minus the sample, likewise.
+        scale: Standard deviation of each innovation, shape (K,).
+        out: Receives the result, shape (n,).
+    """
+    n, K = innovation.shape
+    room = np.empty((4, K))
+    for i in range(n):
+        for k in range(K):
+            per_spread = 1 / scale[k]
+            room[0, k] = (below[i, k] + innovation[i, k]) * per_spread
+            room[1, k] = (above[i, k] + innovation[i, k]) * per_spread
+        out[i] = total_log_probability(room[0], room[1], room[2], room[3])
 
 
 @compiled

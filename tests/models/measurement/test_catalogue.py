@@ -164,7 +164,7 @@ def test_the_order_of_taxels_does_not_matter(name):
 
 
 SIZES = {
-    "one sample": ({"J": 1}, ("profile", "profile-ar", "matrix-normal")),
+    "one sample": ({"J": 1}, ("profile", "profile-ar")),
     "one taxel": ({"K": 1}, ("profile-mvn",)),
     "one place": ({"L": 1}, ("smooth",)),
     "one object": ({"M": 1}, ()),

@@ -68,12 +68,18 @@ def test_every_model_predicts_taps_left_out(name):
         np.testing.assert_allclose(part, whole[5:9], rtol=1e-9)
 
 
-@pytest.mark.parametrize("name", ["histogram", "gaussian", "profile", "profile-ar", "profile-mvn", "matrix-normal"])
-def test_integrated_is_the_mean_over_draws_where_taps_are_short(name, monkeypatch):
+@pytest.mark.parametrize(
+    ("name", "J"),
+    [
+        *((name, 2) for name in ("histogram", "gaussian", "profile", "profile-ar", "profile-mvn", "matrix-normal")),
+        ("matrix-normal", 1),
+    ],
+)
+def test_integrated_is_the_mean_over_draws_where_taps_are_short(name, J, monkeypatch):
     """With few samples per tap the plain mean over many draws of everything comes to the same."""
     monkeypatch.setattr("solidtouch.models.measurement.likelihood.forecasts.DRAWS", 400)
     generator = np.random.default_rng(3)
-    small = make_small(generator)
+    small = make_small(generator, J)
     fitted = fit_model(
         name, small, small.grid(), SETTINGS.changed(bins=6 if name == "histogram" else 60, unconverged=True)
     )
@@ -86,12 +92,12 @@ def test_integrated_is_the_mean_over_draws_where_taps_are_short(name, monkeypatc
     assert (np.abs(exact - mean) < 5 * np.hypot(spread, own_spread) + 0.005).all()
 
 
-def make_small(generator: np.random.Generator) -> TapSet:
-    """Taps of two samples and two taxels, enough of them that posteriors are narrow."""
+def make_small(generator: np.random.Generator, J: int = 2) -> TapSet:
+    """Taps of one or two samples and two taxels, enough of them that posteriors are narrow."""
     n = 60
     what = np.repeat([0, 1], n // 2)
     return TapSet.from_arrays(
-        generator.normal(size=(n, 2, 2)) + what[:, None, None], what, ["a", "b"], preprocessing=Preprocessing(samples=2)
+        generator.normal(size=(n, J, 2)) + what[:, None, None], what, ["a", "b"], preprocessing=Preprocessing(samples=J)
     )
 
 
@@ -180,6 +186,26 @@ def test_gaussian_forecasts_are_a_multivariate_t():
     density = multivariate_t(np.full(J, level), shape, df=2 * a).logpdf(scaled) - J * np.log(scaling.unit[0])
     found = integrated(fitted, new, own, generator) - J * np.log(width)
     np.testing.assert_allclose(found, density, atol=1e-5)
+
+
+def test_forecasts_of_vectors_are_a_multivariate_t():
+    """On narrow bins a tap of one sample, integrated, has the joint density of a multivariate t over its taxels."""
+    generator = np.random.default_rng(8)
+    K, n, edges = 3, 9, np.linspace(-16, 16, 32001)
+    what = np.repeat([0, 1], n)[: n + 5]
+    vectors = generator.normal(size=(len(what), 1, K)) @ generator.normal(size=(K, K)) + what[:, None, None]
+    taps = TapSet.from_arrays(vectors, what, ["a", "b"], preprocessing=Preprocessing(samples=1))
+    fitted = fit_model("matrix-normal", taps, taps.grid(), SETTINGS.changed(bins=len(edges) - 1, edges=edges))
+    posterior, scaling, width = fitted.posterior, fitted.model.scaling, edges[1] - edges[0]
+    new = (np.floor(generator.normal(size=(8, 1, K)) * 1.5 / width) + 0.5) * width  # in the middle of bins
+    own = np.zeros(8, dtype=int), np.repeat([0, 1], 4)
+    found = integrated(fitted, new, own, generator) - K * np.log(width)
+    scaled = ((new - scaling.centre) / scaling.unit)[:, 0]
+    for i, m in enumerate(own[1]):
+        freedom = posterior.taxel_freedom[0, m] - K + 1
+        shape = posterior.taxel_scale[0, m] / freedom * (1 + 1 / posterior.strength[0, m])
+        density = multivariate_t(posterior.level[0, m, 0], shape, df=freedom).logpdf(scaled[i])
+        assert found[i] == pytest.approx(density - np.log(scaling.unit).sum(), abs=1e-4)
 
 
 @pytest.mark.parametrize("name", ["gaussian", "student", "profile", "profile-ar", "profile-mvn"])

@@ -159,6 +159,35 @@ def test_matrix_normal_is_that_of_scipy(rng, strength):
     assert joint(taps.under(matrix_normal.story, prior=prior))(parameters) == pytest.approx(expected, rel=1e-9)
 
 
+@pytest.mark.parametrize("strength", [0.0, 0.4])
+def test_covariances_of_one_sample_have_the_exact_posterior(rng, strength):
+    """Story and posterior of precisions and levels differ by one constant, whatever the parameters."""
+    taps = random_taps(rng)
+    taps = taps._replace(samples=taps.samples[:, :1])
+    prior = matrix_normal.weak_prior(1, K)._replace(
+        taxel_freedom=K + 3.0, taxel_scale=_positive(rng, K), strength=strength
+    )
+    posterior = matrix_normal.fit(taps, prior)
+    log_joint = joint(taps.under(matrix_normal.story, prior=prior))
+    gaps = []
+    for _ in range(DRAWS):
+        parameters = posterior.draw(rng)
+        sites = matrix_normal.sites_of(parameters)
+        assert sites.keys() == {"level", "taxel"}
+        log_posterior = 0.0
+        for l, m in np.ndindex(L, M):
+            inverse = np.linalg.inv(posterior.taxel_scale[l, m])
+            log_posterior += stats.wishart.logpdf(sites["taxel"][l, m], posterior.taxel_freedom[l, m], inverse)
+            if worth := posterior.strength[l, m]:
+                spread = parameters["taxel_covariance"][l, m] / worth
+                known = stats.multivariate_normal(posterior.level[l, m, 0], spread)
+                log_posterior += known.logpdf(parameters["level"][l, m, 0])
+        gaps.append(log_joint(sites) - log_posterior)
+
+    np.testing.assert_allclose(gaps, gaps[0], atol=1e-7)
+    assert posterior.convergence().sentence.startswith("The posterior is exact")
+
+
 def _positive(rng, D):
     root = rng.normal(size=(D, D + 3))
     return root @ root.T

@@ -90,6 +90,21 @@ def test_one_of_everything(make_taps, kind):
     assert gap(model, taps.taps[:3]) < TOLERANCE
 
 
+@pytest.mark.parametrize("kind", ["profile-mvn", "matrix-normal"])
+@pytest.mark.parametrize("wide", [2, 100])
+def test_one_sample_of_dependent_taxels(make_taps, monkeypatch, kind, wide):
+    """Such as a feature vector, whitened by a loop of its own or by products of matrices."""
+    monkeypatch.setattr("solidtouch.models.measurement.likelihood.forms._WIDE", wide)
+    taps = make_taps(L=2, M=3, J=1, K=6)
+    taps.dataset["taps"][:] += np.random.default_rng(1).normal(size=(len(taps), 1, 1))  # so that taxels go together
+    model = fit_model(kind, taps, taps.grid(), FitSettings(bins=20, unconverged=True)).model
+    wrong = replace(model)
+    wrong.__dict__["plain_form"] = bent(model.plain_form, "taxel")
+
+    assert gap(in_states(model), taps.taps[:5]) < TOLERANCE
+    assert gap(wrong, taps.taps[:5]) > TOLERANCE
+
+
 def test_a_bin_that_never_occurred_is_impossible_for_both(make_taps):
     """In a histogram without pseudocount."""
     taps = make_taps(L=2, M=1)
