@@ -146,6 +146,8 @@ def _labels(found: Sequence[Piece], how: TapMap) -> Labels:
     what, names, sizes = _objects(found, how)
     where, tables = _positions(found, how)
     units = {piece.unit for piece in found}
+    if how.units is None and len(units - {""}) > 1:
+        raise InputError(f"samples are in {' and '.join(sorted(units - {''}))} in different files; --units says which.")
     tables |= {"units": how.units or (units.pop() if len(units) == 1 else "")}
     tables |= {key: getattr(how, key) or "" for key in ("sensor", "source", "licence")}
     if sizes is not None:
@@ -182,8 +184,20 @@ def _values(found: Sequence[Piece], key: str) -> NDArray[Any] | None:
 
 def _measured(found: Sequence[Piece], key: str, raw: NDArray[Any]) -> tuple[NDArray[np.float64], str]:
     """A label as numbers with their unit, from the texts or from what the file states."""
-    numbers, unit = as_numbers(key, raw)
-    return numbers, unit or found[0].label_units.get(key, "")
+    stated = {unit for piece in found if (unit := piece.label_units.get(key, ""))}
+    if len(stated) > 1:
+        raise InputError(f"{key} (--{key}) is in {' and '.join(sorted(stated))} in different files.")
+    numbers, unit = as_numbers(key, raw, lambda tap: _place(found, tap))
+    return numbers, unit or next(iter(stated), "")
+
+
+def _place(found: Sequence[Piece], tap: int) -> str:
+    """Where a tap is, for messages."""
+    for piece in found:
+        if tap < piece.rows:
+            return f"tap {tap} of {piece.file.path}"
+        tap -= piece.rows
+    return f"tap {tap}"
 
 
 def _objects(found: Sequence[Piece], how: TapMap) -> tuple[NDArray[np.int64], tuple[str, ...], dict[str, Any] | None]:
@@ -191,6 +205,9 @@ def _objects(found: Sequence[Piece], how: TapMap) -> tuple[NDArray[np.int64], tu
     raw = _values(found, "what")
     total = sum(piece.rows for piece in found)
     raw = np.repeat(np.array("object"), total) if raw is None else raw
+    missing = np.flatnonzero(raw == "" if raw.dtype.kind == "U" else raw != raw)  # noqa: PLR0124 - NaN
+    if len(missing):
+        raise InputError(f"what (--what) is missing for {_place(found, int(missing[0]))}.")
     listed = _table(found, how.what_names, "what_names")
     if listed is not None:
         by_axis = any("what" in piece.signal.axis_index for piece in found)

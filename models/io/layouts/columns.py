@@ -19,6 +19,8 @@ def taxel_columns(how: TapMap, contents: Contents) -> list[str]:
         InputError: The map names none, or one that is not there.
     """
     names = list(contents.variables)
+    if not names and contents.unreadable:
+        raise InputError(". ".join(f"{name} cannot be read: {why}" for name, why in contents.unreadable.items()) + ".")
     if how.taxels is None:
         raise InputError(
             "say which columns are taxels with taxels (--taxels), or which array holds samples with taps (--taps); "
@@ -29,7 +31,7 @@ def taxel_columns(how: TapMap, contents: Contents) -> list[str]:
     for text in wanted:
         part = _as_slice(text)
         if part is not None and text not in names:
-            matched = names[part]
+            matched = list(contents.columns[part])
         elif is_pattern(text) and text not in names:
             matched = [name for name in names if fnmatchcase(name, _literal_brackets(text))]
         else:

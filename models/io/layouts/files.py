@@ -89,7 +89,12 @@ def names_below(folder: Path) -> list[str]:
 
 
 def _names(folder: Path) -> Iterator[str]:
+    seen: set[Path] = set()
     for root, folders, files in folder.walk(follow_symlinks=True):
+        if (real := root.resolve()) in seen:  # a link to a folder above
+            folders.clear()
+            continue
+        seen.add(real)
         stores = [name for name in folders if ending(name) in ENDINGS]
         folders[:] = [name for name in folders if name not in stores and not name.startswith(".")]
         for name in (*files, *stores):

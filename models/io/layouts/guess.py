@@ -192,7 +192,9 @@ def array_guesses(contents: Contents, values: Mapping[str, NDArray[Any]]) -> lis
     axis = _axis_of_vectors(signal, variables)
     length, rank = signal.shape[axis] if signal.shape else None, len(signal.shape)
     vectors = [
-        each for each, of in variables.items() if each != name and length and _size(of) == length == max(of.shape)
+        each
+        for each, of in variables.items()
+        if each != name and length and _size(of) == length == max(n or 1 for n in of.shape)
     ]
     times = [each for each in vectors if re.search(_WORDS["time"], _plain(each), re.IGNORECASE)]
     frames = rank == 2 and axis == 0 and bool(times) and _increases(values.get(times[0], np.zeros(1)))

@@ -1,6 +1,6 @@
 """Where labels stand: in columns and arrays, in the names of files, in tables beside them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -232,6 +232,9 @@ def as_texts(values: NDArray[Any]) -> list[str]:
     return [str(value) for value in values.tolist()]
 
 
+_LENGTHS_AND_ANGLES = {"m", "cm", "mm", "um", "µm", "μm", "nm", "in", "deg", "rad", "°"}
+
+
 @cache
 def _as_number(text: str) -> tuple[float, str] | None:
     try:
@@ -240,18 +243,27 @@ def _as_number(text: str) -> tuple[float, str] | None:
         return number_in(text)
 
 
-def as_numbers(key: str, values: NDArray[Any]) -> tuple[NDArray[np.float64], str]:
+def as_numbers(
+    key: str, values: NDArray[Any], place: Callable[[int], str] = "tap {}".format
+) -> tuple[NDArray[np.float64], str]:
     """Labels as numbers, and the unit that all texts state.
 
+    Args:
+        key: Which label.
+        values: Numbers or texts.
+        place: Where one of them stands.
+
     Raises:
-        InputError: One holds no number, or more than one.
+        InputError: One holds no number, or more than one, or they have different units of length or angle.
     """
     if values.dtype.kind in "fiub":
         return values.astype(np.float64), ""
     found = [_as_number(text) for text in as_texts(values)]
     for number, (text, each) in enumerate(zip(as_texts(values), found, strict=True)):
         if each is None:
-            raise InputError(f"{key} (--{key}): {text!r} of tap {number} is not one number.")
+            raise InputError(f"{key} (--{key}): {text!r} of {place(number)} is not one number.")
     units = {each[1] for each in found if each is not None}
+    if len(known := sorted(units & _LENGTHS_AND_ANGLES)) > 1:
+        raise InputError(f"{key} (--{key}): units differ, {' and '.join(known)}.")
     numbers = np.array([each[0] for each in found if each is not None])
     return numbers, units.pop() if len(units) == 1 else ""

@@ -183,15 +183,21 @@ def _map(
         whole = how.changed(**values)
         recording = read_mapped(sources, whole).recording
         labels = recording.labels
-        kind = "frames of streams: cut them with trigger" if recording.is_stream else "taps"
-        shape = recording.samples.shape
-        size = f"{shape[1]} samples x {shape[2]} taxels" if len(shape) == 3 else f"{shape[1]} taxels"
+        shape, stream = recording.samples.shape, recording.is_stream
+        kind = (
+            f"{_counted(shape[0], 'frame')} of streams: cut them with trigger" if stream else _counted(shape[0], "tap")
+        )
+        size = " x ".join(map(_counted, shape[1:], ("taxel",) if stream else ("sample", "taxel")))
         counts = {"object": len(labels.what_name), "position": len(np.unique(labels.where))}
         counts["session"] = len(np.unique(labels.session))
-        named = ", ".join(f"{n} {name}{'s' * (n != 1)}" for name, n in counts.items())
-        yield f"# With this map: {shape[0]} {kind}, {size}, {named}."
+        named = ", ".join(_counted(n, name) for name, n in counts.items())
+        yield f"# With this map: {kind}, {size}, {named}."
     except InputError as error:
         yield f"# With this map: {printable(str(error))}"
+
+
+def _counted(number: int, name: str) -> str:
+    return f"{number} {name}{'s' * (number != 1)}"
 
 
 def _toml(value: Any) -> str:

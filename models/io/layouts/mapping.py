@@ -189,7 +189,6 @@ def load_map(path: str | Path) -> TapMap:
     """
     from ..recording import naming  # noqa: PLC0415 - commands begin without what it loads
 
-    with naming(path):
-        text = read_settings(path)
+    text = read_settings(path)
     with naming(path):
         return parse_settings(text, TapMap)

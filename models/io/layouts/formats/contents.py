@@ -77,6 +77,11 @@ class Contents(ABC):
     table: bool = False
     most: int | None = None
 
+    @property
+    def columns(self) -> Sequence[str]:
+        """Names of the columns by number; those that are repeated as well."""
+        return list(self.variables)
+
     @abstractmethod
     def read(self, names: Sequence[str], columns: Sequence[str] = ()) -> tuple[dict[str, Values], NDArray[Any] | None]:
         """Reads variables, in one pass through the file where that is how it is read.

@@ -49,6 +49,11 @@ class TextContents(Contents):
         columns = zip(self._layout.names, kinds, strict=True)
         self.variables = {name: Variable((None,), kind, name_and_unit(name)[1]) for name, kind in columns}
 
+    @property
+    @override
+    def columns(self) -> Sequence[str]:
+        return self._layout.names
+
     @override
     def read(self, names: Sequence[str], columns: Sequence[str] = ()) -> tuple[dict[str, Values], NDArray[Any] | None]:
         texts, numbers = self._places(names), self._places(columns)

@@ -45,6 +45,8 @@ class TextLayout:
         """
         if cell in MISSING:
             return np.nan
+        if "_" in cell:
+            raise ValueError
         if self.decimal != ".":
             if "." in cell:
                 raise ValueError

@@ -40,3 +40,40 @@ def test_a_table_of_labels_in_the_folder_is_no_recording(tmp_path):
     (tmp_path / "labels.csv").write_text("file,thing\n1,rod\n0,cup\n")
     taps = loaded(tmp_path, "s\n1\n", "s\n2\n", taxels="s", what="labels.csv:thing")
     assert [taps.what_name[m] for m in taps.what] == ["cup", "rod"]
+
+
+def refused(folder, *tables, **how):
+    with pytest.raises(InputError) as error:
+        loaded(folder, *tables, **how)
+    return str(error.value)
+
+
+def test_a_repeated_name_counts_as_a_column(tmp_path):
+    assert loaded(tmp_path, "x,x,a,b\n1,2,3,4\n", taxels="2:4").taps[0].tolist() == [[3, 4]]
+    assert "column x is repeated" in refused(tmp_path, "x,x,a,b\n1,2,3,4\n", taxels="0:2")
+
+
+def test_units_that_differ_are_refused(tmp_path):
+    assert "where (--where) is in cm and mm" in refused(
+        tmp_path, "pos [mm],s\n1,1\n", "pos [cm],s\n1,1\n", taxels="s", where="pos"
+    )
+    assert "where (--where): units differ, cm and mm" in refused(
+        tmp_path, "pos,s\n10mm,1\n1cm,1\n", taxels="s", where="pos", tap="row", files="0.csv"
+    )
+
+
+def test_labels_that_are_missing_are_refused_with_their_file(tmp_path):
+    tables = "what,pos,s\na,1,1\n", "what,pos,s\na,1,1\n,,1\n"
+    assert refused(tmp_path, *tables, taxels="s", tap="row", what="what").endswith(
+        "tap 1 of " + str(tmp_path / "1.csv") + "."
+    )
+    assert "'' of tap 1 of " in refused(tmp_path, *tables, taxels="s", tap="row", where="pos")
+
+
+def test_digits_with_underscores_are_no_number(tmp_path):
+    assert "line 2, column s: '1_000' is not a number" in refused(tmp_path, "s\n1_000\n", taxels="s")
+
+
+def test_a_link_to_the_folder_itself_is_not_followed(tmp_path):
+    (tmp_path / "loop").symlink_to(tmp_path)
+    assert len(loaded(tmp_path, "s\n1\n", taxels="s").taps) == 1
