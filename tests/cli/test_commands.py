@@ -243,12 +243,12 @@ def test_crosscheck_of_all_models_names_the_refused_ones(command, tmp_path, make
     done = command("crosscheck", tmp_path / "taps.nc", "--model", "all", "--bins", 9, "--allow-unconverged")
 
     assert done.code == 0
-    assert compared[0] == ["histogram", "gaussian", "student", "profile-mvn", "smooth", "session"]
+    assert compared[0] == ["histogram", "gaussian", "student", "profile-mvn", "matrix-normal", "smooth", "session"]
     for name in compared[0]:
         assert f"Model {name}\n" in done.out
     said = " ".join(done.out.split())
     assert "Model profile was not checked: profile needs more than one sample per tap" in said
-    assert "6 of 9 models checked: all routes agree." in said
+    assert "7 of 9 models checked: all routes agree." in said
 
 
 def test_crosscheck_of_all_models_ends_with_those_that_differ(command, taps_file, compared, monkeypatch):
@@ -264,7 +264,7 @@ def test_crosscheck_of_all_models_ends_with_those_that_differ(command, taps_file
 
 def test_crosscheck_of_no_model_is_an_error(command, tmp_path, make_taps, monkeypatch, compared):
     make_taps(J=1).save(tmp_path / "taps.nc")
-    monkeypatch.setattr("solidtouch.cli.crosscheck.NAMES", ("profile", "matrix-normal"))
+    monkeypatch.setattr("solidtouch.cli.crosscheck.NAMES", ("profile", "profile-ar"))
     done = command("crosscheck", tmp_path / "taps.nc", "--model", "all")
 
     assert done.code == 2
