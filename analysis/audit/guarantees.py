@@ -168,7 +168,7 @@ def exceeded(
     """Which promises at the threshold next to one are exceeded, with power none and border clamp.
 
     The interval of the factor must lie above 1, and a Monte Carlo test against a right model on as many taps must
-    reject, at `right_model.LEVEL` for all objects together and each: by Holm's method or, with fewer data sets than
+    reject, at `detection.LEVEL` for all objects together and each: by Holm's method or, with fewer data sets than
     `SIMULATIONS` and than that method takes, by `of_largest`. Only where an interval does is simulated.
 
     Args:

@@ -51,7 +51,7 @@ class Cause(NamedTuple):
 
 
 def calibration(judged: BeliefEvidence) -> Calibration:
-    """How beliefs compare with outcomes: a Monte Carlo test of the miscalibration factor at `right_model.LEVEL`.
+    """How beliefs compare with outcomes: a Monte Carlo test of the miscalibration factor at `detection.LEVEL`.
 
     The reference is what a right model gives on as many taps. Where beliefs are not right in the reference, as no whole
     number of samples is worth the exponent, the interval of the factor must lie on the same side of 1 as well.

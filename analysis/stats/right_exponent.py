@@ -40,7 +40,7 @@ from .right_model import Beside, compare, drawn_set
 type Floats = NDArray[np.float64]
 
 SIMULATIONS = 19
-"""The fewest with which a value below all is significant at `right_model.LEVEL`."""
+"""The fewest with which a value below all is significant at `detection.LEVEL`."""
 MOST_TAPS = float(max(CONTACTS))
 """Saturation that stands for none: that of the longest sequence over which it is tuned."""
 

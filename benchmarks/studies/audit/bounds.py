@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from solidtouch.analysis.audit.guarantees import of_largest
 from solidtouch.analysis.experiment.sources import right_model
-from solidtouch.analysis.stats.right_model import LEVEL, compare, drawn_table, simulate
+from solidtouch.analysis.stats.detection import LEVEL
+from solidtouch.analysis.stats.right_model import compare, drawn_table, simulate
 from solidtouch.analysis.stats.uniformity import rejected
 from solidtouch.hardware.simulator.model_rig import draw_session
 from solidtouch.inference.trials.records import TapTable, tap_table
