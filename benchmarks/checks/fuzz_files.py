@@ -42,6 +42,16 @@ READERS = {
     "answers": "benchmarks.checks.fuzz_files:check",
 }
 """Of formats that are no taps."""
+MAPS = {
+    "parquet": {"taps": "signal", "what": "object", "where": "place"},
+    "arrow": {"taps": "signal", "what": "object", "where": "place"},
+    "jsonl": {"taps": "signal", "what": "object", "where": "place"},
+    "txt": {"taxels": "s*", "tap": "press", "what": "object", "where": "place", "time": "t"},
+    "npy": {"axes": "tap,sample,taxel"},
+    "h5": {"taps": "run_{session}/taps", "what": "run_{session}/object", "where": "run_{session}/place"},
+}
+"""Of formats of other people's layouts, by the ending of the file."""
+READERS |= dict.fromkeys(MAPS, "benchmarks.checks.fuzz_files:convert")
 ENDS = ("accepted", "refused", "traceback", "crash", "hang", "memory")
 _BYTES, _START, _LOOK = 1 << 30, 120.0, 0.1
 _EXTREMES = ("1e308", "-1", "nan", "1e-320", "9" * 400, "0", "", "1" * 18, "[", '"', "true")
@@ -70,6 +80,14 @@ def check(path: Path) -> None:
     from solidtouch.analysis.conformance.report import run_files  # noqa: PLC0415
 
     run_files(path, ["root-j"])
+
+
+def convert(path: Path) -> None:
+    """Reads taps through a map."""
+    from solidtouch.models.io.layouts.mapping import TapMap  # noqa: PLC0415
+    from solidtouch.models.io.layouts.tap_set import load_mapped  # noqa: PLC0415
+
+    load_mapped(path, TapMap(**MAPS[path.suffix[1:]]))
 
 
 def mutated(content: bytes, generator: random.Random) -> bytes:

@@ -8,6 +8,7 @@ from typing import Any
 
 import h5py
 import numpy as np
+from numpy.typing import NDArray
 from scipy.io import savemat
 from solidtouch.analysis.conformance.catalogue import expected, select
 from solidtouch.analysis.sweep.run import sweep
@@ -69,6 +70,7 @@ def write_files(folder: Path) -> dict[str, Path]:
     head = "tap,what,where,session,taxel_0,taxel_1,taxel_2\n"
     rows = [(i, names[i % 2], i // 2 % 3, i // 6, *frame) for i in n for frame in arrays["taps"][i]]
     files["csv"].write_text(head + "\n".join(",".join(map(str, row)) for row in rows) + "\n", encoding="utf-8")
+    files |= _other_layouts(folder, arrays, names[arrays["what"]])
     model = st.fit(taps)
     files |= {"model": folder / "model.nc", "export": folder / "model.json", "setting": folder / "setting.json"}
     model.save(files["model"])
@@ -93,6 +95,31 @@ def write_files(folder: Path) -> dict[str, Path]:
         shutil.copy(files["csv"], files["csvs"] / f"{name}.csv")
     answers = [json.dumps(answer.line(CASE)) for answer in expected(*select([CASE]))]
     (files["answers"] / f"{CASE}.jsonl").write_text("\n".join(answers), encoding="utf-8")
+    return files
+
+
+def _other_layouts(folder: Path, arrays: dict[str, Any], objects: NDArray[np.str_]) -> dict[str, Path]:
+    """The same taps in the layouts of `fuzz_files.MAPS`."""
+    import pandas as pd  # noqa: PLC0415
+
+    files = {name: folder / f"other.{name}" for name in ("parquet", "arrow", "jsonl", "txt", "npy", "h5")}
+    taps, place = arrays["taps"], arrays["where"]
+    frame = pd.DataFrame({"signal": taps.tolist(), "object": objects, "place": place})
+    frame.to_parquet(files["parquet"])
+    frame.to_feather(files["arrow"])
+    frame.to_json(files["jsonl"], orient="records", lines=True)
+    N, J, K = taps.shape
+    rows = pd.DataFrame(taps.reshape(-1, K), columns=[f"s{k}" for k in range(K)])
+    press = np.repeat(np.arange(N), J)
+    rows.assign(press=press, object=objects[press], place=place[press], t=np.arange(N * J) / 50).to_csv(
+        files["txt"], sep=";", index=False
+    )
+    np.save(files["npy"], taps)
+    with h5py.File(files["h5"], "w") as file:
+        for session in range(2):
+            of, group = arrays["session"] == session, file.create_group(f"run_{session}")
+            group.create_dataset("taps", data=taps[of], compression="gzip")
+            group["place"], group["object"] = place[of], [name.encode() for name in objects[of]]
     return files
 
 

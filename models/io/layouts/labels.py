@@ -161,7 +161,7 @@ def _rows_by_file(columns: Mapping[str, NDArray[Any]], files: Sequence[SourceFil
         there = set(of.tolist())
         named = [[text for text in _names_of(file) if text in there] for file in files]
         count = sum(map(bool, named))
-        numbers = all(text.isdecimal() for texts in named for text in texts)
+        numbers = all(text.isdecimal() for text in there)
         if numbers and (count < max(2, len(files)) or len(there) < len(of)):
             count = 0
         if count > most:

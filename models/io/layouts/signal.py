@@ -62,7 +62,7 @@ def arranged(values: Values, axes: Sequence[str] | None, name: str, frames: bool
     axes = _default_axes(rank, name, frames) if axes is None else axes
     if len(axes) != rank:
         there = f"{len(values)} elements" if isinstance(values, list) else f"shape {values.shape}"
-        raise InputError(f"{name} has {rank} axes ({there}), but axes (--axes) has {len(axes)}: {', '.join(axes)}.")
+        raise InputError(f"{name} has {_axes(rank)} ({there}), but axes (--axes) has {len(axes)}: {', '.join(axes)}.")
     if not isinstance(values, list):
         check_real(name, values)
         return _of_array(values, axes)
@@ -88,7 +88,11 @@ def _default_axes(rank: int, name: str, frames: bool) -> tuple[str, ...]:
             f"{name} has two axes: say which with axes (--axes), tap,sample or tap,taxel; if they are sample,taxel, "
             "say what a tap is with tap (--tap), or cut taps with --trigger."
         )
-    raise InputError(f"{name} has {rank} axes: say which with axes (--axes), such as what,trial,sample,taxel.")
+    raise InputError(f"{name} has {_axes(rank)}: say which with axes (--axes), such as what,trial,sample,taxel.")
+
+
+def _axes(number: int) -> str:
+    return f"{number} {'axis' if number == 1 else 'axes'}"
 
 
 def _of_array(values: NDArray[Any], axes: Sequence[str]) -> Signal:

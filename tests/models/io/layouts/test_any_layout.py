@@ -1,5 +1,6 @@
 """Any recording, written in any layout by a random map, is read back equal."""
 
+import h5py
 import numpy as np
 import pandas as pd
 import scipy.io
@@ -126,3 +127,91 @@ def test_one_file_for_each_tap(recording, data, tmp_path_factory):
         pd.DataFrame(samples[m, l, s, t], columns=[f"s{k}" for k in range(K)]).to_csv(path, index=False)
 
     assert found([folder], TapMap(files=layout, taxels="s*", tap="file")) == wanted(recording)
+
+
+def flat(recording, order):
+    """Samples of taps in a given order, and a table of their labels."""
+    samples, names, places = recording
+    m, l, s, t = np.unravel_index(list(order), samples.shape[:4])
+    labels = pd.DataFrame({"thing": np.array(names)[m], "at": places[l], "day": s, "rep": t})
+    return samples[m, l, s, t], labels
+
+
+@ANY
+@given(recording=recordings(), data=st.data())
+def test_groups_and_structs(recording, data, tmp_path):
+    """A group of HDF5 for each session, or a struct of MATLAB, with taps in any order."""
+    samples, labels = flat(recording, data.draw(st.permutations(range(int(np.prod(recording[0].shape[:4]))))))
+    if data.draw(st.booleans()) or min(samples.shape[1:]) == 1:  # which MATLAB does not tell from vectors
+        path, before = tmp_path / "recording.h5", "day_{session}/"
+        with h5py.File(path, "w") as file:
+            for day, of in labels.groupby("day"):
+                group = file.create_group(f"day_{day}")
+                group["taps"], group["at"], group["rep"] = samples[of.index], of["at"], of["rep"]
+                group["thing"] = [name.encode() for name in of["thing"]]
+        how = TapMap(taps=f"{before}taps", axes="tap,sample,taxel")
+    else:
+        path, before = tmp_path / "recording.mat", "data."
+        cells = np.empty((1, len(samples)), [(key, object) for key in ("taps", "thing", "at", "day", "rep")])
+        for n, (tap, row) in enumerate(zip(samples, labels.itertuples(), strict=True)):
+            cells[0, n] = (tap, row.thing, row.at, row.day, row.rep)
+        scipy.io.savemat(path, {"data": cells})
+        how = TapMap(taps="data.taps", session="data.day")
+    how = how.changed(what=f"{before}thing", where=f"{before}at", trial=f"{before}rep")
+
+    assert found([path], how) == wanted(recording)
+
+
+@ANY
+@given(recording=recordings(), data=st.data())
+def test_lists_in_cells(recording, data, tmp_path):
+    """Of Parquet or JSON lines; some taps go on for longer, and are cut to the length of the others."""
+    samples, labels = flat(recording, data.draw(st.permutations(range(int(np.prod(recording[0].shape[:4]))))))
+    J, K = samples.shape[1:]
+    longer = data.draw(st.lists(st.integers(0, 2), min_size=len(samples), max_size=len(samples)))
+    labels["signal"] = [[*tap.tolist(), *[[9.0] * K] * more] for tap, more in zip(samples, longer, strict=True)]
+    path = tmp_path / data.draw(st.sampled_from(["r.parquet", "r.jsonl", "r.feather"]))
+    if path.suffix == ".jsonl":
+        labels.to_json(path, orient="records", lines=True)
+    else:
+        (labels.to_parquet if path.suffix == ".parquet" else labels.to_feather)(path)
+    how = TapMap(taps="signal", length=J, what="thing", where="at", session="day", trial="rep")
+
+    assert found([path], how) == wanted(recording)
+
+
+@ANY
+@given(recording=recordings(), data=st.data())
+def test_a_shuffled_table_of_labels(recording, data, tmp_path_factory):
+    """One file for each tap and a table that lists them in another order, with others that are not there."""
+    folder = tmp_path_factory.mktemp("taps")
+    samples, labels = flat(recording, range(int(np.prod(recording[0].shape[:4]))))
+    labels["name"] = [f"p{n}{data.draw(st.sampled_from(['', '.csv']))}" for n in range(len(samples))]
+    for n, tap in enumerate(samples):
+        pd.DataFrame(tap, columns=[f"s{k}" for k in range(tap.shape[1])]).to_csv(folder / f"p{n}.csv", index=False)
+    labels.loc[len(labels)] = ["gone", 3.0, 0, 0, "999.csv"]
+    order = data.draw(st.permutations(range(len(labels))))
+    columns = data.draw(st.permutations(list(labels)))
+    labels.iloc[order][columns].to_csv(folder / "labels.csv", index=False)
+    keys = {"what": "thing", "where": "at", "session": "day", "trial": "rep"}
+    how = TapMap(taxels="s*", tap="file", **{key: f"labels.csv:{column}" for key, column in keys.items()})
+
+    assert found([folder], how) == wanted(recording)
+
+
+@ANY
+@given(recording=recordings(), data=st.data())
+def test_counters_that_restart(recording, data, tmp_path):
+    """Rows that count anew within each tap, with rows between taps that are not kept."""
+    samples, labels = flat(recording, data.draw(st.permutations(range(int(np.prod(recording[0].shape[:4]))))))
+    parts = []
+    for tap, row in zip(samples, labels.to_dict("records"), strict=True):
+        before, after = data.draw(st.tuples(st.integers(0, 2), st.integers(0, 2)))
+        count = before + len(tap) + after
+        frame = pd.DataFrame(np.pad(tap, ((before, after), (0, 0))), columns=[f"s{k}" for k in range(tap.shape[1])])
+        kept = np.arange(count)
+        parts.append(frame.assign(**row, count=kept + 1, on=(kept >= before) & (kept < before + len(tap))))
+    pd.concat(parts).astype({"on": int}).to_csv(tmp_path / "r.csv", index=False)
+    how = TapMap(taxels="s*", tap="restart:count", keep="on", what="thing", where="at", session="day", trial="rep")
+
+    assert found([tmp_path / "r.csv"], how) == wanted(recording)
