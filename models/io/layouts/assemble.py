@@ -205,9 +205,7 @@ def _objects(found: Sequence[Piece], how: TapMap) -> tuple[NDArray[np.int64], tu
     raw = _values(found, "what")
     total = sum(piece.rows for piece in found)
     raw = np.repeat(np.array("object"), total) if raw is None else raw
-    missing = np.flatnonzero(raw == "" if raw.dtype.kind == "U" else raw != raw)  # noqa: PLR0124 - NaN
-    if len(missing):
-        raise InputError(f"what (--what) is missing for {_place(found, int(missing[0]))}.")
+    _check_there(found, "what", raw)
     listed = _table(found, how.what_names, "what_names")
     if listed is not None:
         by_axis = any("what" in piece.signal.axis_index for piece in found)
@@ -223,6 +221,12 @@ def _objects(found: Sequence[Piece], how: TapMap) -> tuple[NDArray[np.int64], tu
         index, names = np.argsort(order)[index], names[order]
         sizes["what_value"] = sizes["what_value"][order]
     return index.astype(np.int64), tuple(names.tolist()), sizes
+
+
+def _check_there(found: Sequence[Piece], key: str, raw: NDArray[Any]) -> None:
+    missing = np.flatnonzero(raw == "" if raw.dtype.kind == "U" else raw != raw)  # noqa: PLR0124 - NaN
+    if len(missing):
+        raise InputError(f"{key} (--{key}) is missing for {_place(found, int(missing[0]))}.")
 
 
 def _sizes(
@@ -326,6 +330,7 @@ def _sessions(found: Sequence[Piece], how: TapMap) -> NDArray[np.int64]:
         return number_by_date(np.asarray(raw))
     if raw is None:
         return source.astype(np.int64)
+    _check_there(found, "session", raw)
     texts = as_texts(raw)
     if source.max() == 0 and all(text.isdecimal() and len(text) < 10 for text in set(texts)):
         return np.array([int(text) for text in texts])

@@ -294,6 +294,7 @@ def _rate(time_s: NDArray[np.float64], signal: Signal, starts: NDArray[np.intp] 
         inside = np.ones(len(steps), dtype=bool)
         inside[starts[1:] - 1] = False
         steps = steps[inside]
+    steps = steps[~np.isnan(steps)]
     if not steps.size:
         return None
     step = float(np.median(steps))

@@ -67,7 +67,15 @@ def test_labels_that_are_missing_are_refused_with_their_file(tmp_path):
     assert refused(tmp_path, *tables, taxels="s", tap="row", what="what").endswith(
         "tap 1 of " + str(tmp_path / "1.csv") + "."
     )
+    assert "session (--session) is missing for tap 1 of " in refused(
+        tmp_path, *tables, taxels="s", tap="row", session="what"
+    )
     assert "'' of tap 1 of " in refused(tmp_path, *tables, taxels="s", tap="row", where="pos")
+
+
+def test_a_time_that_is_missing_does_not_hide_the_rate(tmp_path):
+    taps = loaded(tmp_path, "t,s\n0,1\n0.1,2\n,3\n0.3,4\n0.4,5\n", taxels="s", time="t")
+    assert taps.preprocessing.rate_hz == 10
 
 
 def test_digits_with_underscores_are_no_number(tmp_path):
