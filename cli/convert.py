@@ -1,5 +1,7 @@
 """`solidtouch convert`: import recordings of any layout."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -8,11 +10,12 @@ import typer
 from ..models.io.layouts.mapping import TapMap
 from .shared.interrupt import loading
 from .shared.map_options import MAP_OPTIONS
-from .shared.options import Fields, Force, given, spelled_out
+from .shared.options import Fields, Force, Missing, given, spelled_out
 
 if TYPE_CHECKING:
     from ..models.taps import TapSet
 
+_OTHER_LAYOUT = "missing column", "missing array", "no column name starts with taxel", "unknown format", "no .csv files"
 _CUTTING = "window", "tare", "tare_samples", "highpass", "signal", "events"
 
 
@@ -35,6 +38,7 @@ def convert(
         bool, typer.Option("--look", help="Show what the files hold and a map to begin with; there is no OUT.")
     ] = False,
     force: Force = False,
+    missing: Missing = "refuse",
     segment: Annotated[
         bool, typer.Option("--segment", help="Cut continuous streams into taps.", rich_help_panel="Cutting streams")
     ] = False,
@@ -67,12 +71,13 @@ def convert(
     if map_file is not None or how.says_something:
         from ..models.io.layouts.tap_set import load_mapped
 
-        taps, told = load_mapped(sources, how, folder=None if map_file is None else map_file.parent)
+        taps, told = load_mapped(sources, how, missing, folder=None if map_file is None else map_file.parent)
         for sentence in told:
             typer.echo(sentence)
         how = how.changed(rate=None)
     else:
-        parts = [_taps(path, how) for path in sources]
+        with _looking_helps():
+            parts = [_taps(path, how, missing) for path in sources]
         taps = joined(parts, [str(path) for path in sources])
     labelled = relabel(
         taps,
@@ -94,20 +99,33 @@ def convert(
             typer.echo(f"{name}: {text}.".replace("..", "."))
 
 
-def _taps(path: Path, how: TapMap) -> "TapSet":
+@contextmanager
+def _looking_helps() -> Iterator[None]:
+    """Adds to errors of a recording of another layout how to go on."""
+    from ..models.errors import InputError
+
+    try:
+        yield
+    except InputError as error:
+        if not any(words in str(error) for words in _OTHER_LAYOUT):
+            raise
+        raise InputError(f"{error} For any other layout see convert --look.") from error
+
+
+def _taps(path: Path, how: TapMap, missing: Missing) -> "TapSet":
     """Taps of a file of this software's layout; prints what was left out."""
     from ..models.io.load import CUT, read_recording
     from ..models.io.recording import naming
     from ..models.taps import TapSet
 
     if path.suffix.lower() in CUT and how.trigger is None:
-        return TapSet.load(path)
+        return TapSet.load(path, missing)
     if path.suffix.lower() == ".mcap" and how.trigger is None:
         return _recorded(path)
-    recording = read_recording(path)
+    recording = read_recording(path, missing)
     with naming(path):
         if how.trigger is None:
-            taps = recording.tapset()
+            taps = recording.tapset(missing)
         else:
             from ..models.io.layouts.tap_set import cut_streams
 

@@ -104,8 +104,8 @@ def not_finite(value: Any, sample: bool) -> str:
     if not sample or not np.isnan(value):
         return f"{told}."
     return (
-        f"{told}. inspect, fit, compare, crosscheck, reproduce, trials, tune and perceive leave out samples that are "
-        'NaN with --missing drop (missing="drop").'
+        f"{told}. convert, inspect, fit, compare, crosscheck, reproduce, trials, tune and perceive accept samples that "
+        'are NaN with --missing drop (missing="drop").'
     )
 
 

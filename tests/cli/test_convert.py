@@ -176,3 +176,32 @@ def test_any_kind_is_inspected_in_cells(make_taps, tmp_path):
     assert "28+28" in text
     with pytest.raises(InputError, match="cannot be converted"):
         run("inspect", tmp_path / "a.nc", "--where-cell", "3kg")
+
+
+def test_missing_samples_of_a_map_are_kept_where_they_may_be(tmp_path):
+    (tmp_path / "a.csv").write_text("press;f1;f2\n1;0.5;\n1;1;2\n2;3;4\n2;5;6\n")
+    options = ("--taxels", "f*", "--tap", "press")
+    with pytest.raises(InputError, match="--missing drop"):
+        run("convert", tmp_path / "a.csv", tmp_path / "a.nc", *options)
+    run("convert", tmp_path / "a.csv", tmp_path / "a.nc", *options, "--missing", "drop")
+
+    assert TapSet.load(tmp_path / "a.nc", "drop").lacking.tolist() == [[0, 1], [0, 0]]
+
+
+def test_a_recording_of_another_layout_is_told_how_to_go_on(tmp_path):
+    (tmp_path / "a.csv").write_text("press;f1;f2\n1;0.5;3\n")
+    with pytest.raises(InputError, match=r"missing column what.*see convert --look"):
+        run("convert", tmp_path / "a.csv", tmp_path / "a.nc")
+
+
+def test_looking_at_times_tells_gaps_and_at_x_and_y_a_plane(tmp_path):
+    rows = [
+        (press, x, y, 10 * press + j / 10) for press, (x, y) in enumerate([(0, 0), (0, 1), (2, 0)]) for j in range(9)
+    ]
+    lines = [f"{press},{x},{y},{t},{x + j},{y - j}" for j, (press, x, y, t) in enumerate(rows)]
+    (tmp_path / "a.csv").write_text("\n".join(["press,x [mm],y [mm],t [s],f1,f2", *lines]))
+    text = run("convert", "--look", tmp_path / "a.csv")
+
+    assert 'time = "t [s]"  # it increases by 0.1, with 2 gaps' in text
+    assert 'where = ["x [mm]", "y [mm]"]' in text
+    assert "3 taps, 9 samples x 2 taxels, 1 object, 3 positions, 1 session" in text

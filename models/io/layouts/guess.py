@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...cutting.sessions import GAP_STEPS
 from .formats.contents import Contents, Variable
 from .patterns import natural, number_in
 
@@ -138,8 +139,13 @@ def column_guesses(contents: Contents, values: Mapping[str, NDArray[Any]]) -> li
                 continue
             if (key == "time" and not _increases(each)) or (key in ("where", "trial", "tap") and name not in alike):
                 continue
-            guesses[key] = Guess(key, name, f"its name, and {distinct} different values")
+            reason = _steps(each) if key == "time" else f"its name, and {distinct} different values"
+            guesses[key] = Guess(key, name, reason)
     used = {guess.value for guess in guesses.values()}
+    if (second := _other_axis(guesses.get("where"), values)) is not None:
+        guesses = {key: guess for key, guess in guesses.items() if guess.value != second}
+        guesses["where"] = Guess("where", [guesses["where"].value, second], "the names of two axes of a plane")
+        used.add(second)
     if "what" not in guesses:
         texts = [name for name, each in values.items() if name not in alike and 1 < len(np.unique(each)) <= _FEW]
         if texts:
@@ -158,6 +164,22 @@ def column_guesses(contents: Contents, values: Mapping[str, NDArray[Any]]) -> li
     if taxels is not None:
         guesses["taxels"] = taxels
     return list(guesses.values())
+
+
+def _steps(values: NDArray[Any]) -> str:
+    """How a time increases."""
+    steps = np.diff(_numbers(values))  # pyright: ignore - it is one of numbers
+    usual = float(np.median(steps))
+    gaps = int(np.count_nonzero((steps <= 0) | (steps > GAP_STEPS * usual)))
+    return f"it increases by {usual:g}" + (f", with {gaps} gap{'s' * (gaps != 1)}" if gaps else "")
+
+
+def _other_axis(where: Guess | None, values: Mapping[str, NDArray[Any]]) -> str | None:
+    """The column y beside a column x of positions."""
+    if where is None or not re.match(r"x\b", _plain(where.value), re.IGNORECASE):
+        return None
+    wanted = re.sub(r"^x", "y", where.value, flags=re.IGNORECASE).lower()
+    return next((name for name, of in values.items() if name.lower() == wanted and len(np.unique(of)) <= _FEW), None)
 
 
 def _taxels(names: Sequence[str], contents: Contents) -> Guess | None:

@@ -82,7 +82,7 @@ def test_missing_samples_are_read_where_they_are_to_be_dropped(kind, make_taps, 
     for path, missing in refused:
         with pytest.raises(InputError, match="NaN and infinite values are not accepted"):
             load_taps(path, missing)
-    with pytest.raises(InputError, match="leave out samples that are NaN with --missing drop"):
+    with pytest.raises(InputError, match="accept samples that are NaN with --missing drop"):
         load_taps(lacking)
     assert taps_of(read, "drop") is taps_of(read, "refuse") is read
     with pytest.raises(InputError, match="1 of 8 taps have missing samples"):
