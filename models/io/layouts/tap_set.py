@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...blocks import over_blocks
 from ...cutting.presses import Presses, presses_of_column, presses_of_events
 from ...cutting.resampling import resampled_taps
 from ...cutting.taxels import UsableTaxels, usable_taxels, with_taxels
@@ -73,12 +74,16 @@ def cut_streams(recording: Recording, how: TapMap, presses: Presses | None = Non
         InputError: No tap was found, or settings contradict each other.
     """
     record = _record(recording, how)
-    cut = segment(recording, record, presses)
-    left_out = _useless(cut.taps, how)
     told: tuple[str, ...] = ()
+    left_out = _dead(recording) if "dead" in how.leave_out else None  # one that is always in contact begins no tap
     if left_out is not None:
-        told = (left_out.sentence(),)
-        cut = segment(recording, replace(record, taxels=left_out.used), presses)
+        record, told = replace(record, taxels=left_out.used), (left_out.sentence(),)
+    cut = segment(recording, record, presses)
+    useless = _useless(cut.taps, how)
+    if useless is not None:
+        used = [k for k in range(recording.samples.shape[1]) if record.taxels is None or k in record.taxels]
+        told = (*told, useless.sentence([str(k) for k in used]))
+        cut = segment(recording, replace(record, taxels=tuple(used[k] for k in useless.used)), presses)
     first = f"{len(cut.taps)} taps from {cut.streams} stream{'s' * (cut.streams != 1)}."
     return cut.taps, (first, *cut.lost, *told)
 
@@ -157,6 +162,15 @@ def _useless(taps: TapSet, how: TapMap) -> UsableTaxels | None:
         return None
     found = usable_taxels(taps, dead="dead" in how.leave_out, saturated="saturated" in how.leave_out)
     return found if found.dead or found.saturated else None
+
+
+def _dead(recording: Recording) -> UsableTaxels | None:
+    """Taxels of streams that have one value throughout, if some do and not all."""
+    ends = [(block.min(axis=0), block.max(axis=0)) for block in over_blocks(recording.samples, lambda block, _: block)]
+    low, high = np.min([low for low, _ in ends], axis=0), np.max([high for _, high in ends], axis=0)
+    dead = tuple(np.flatnonzero(low == high).tolist())
+    used = tuple(k for k in range(len(low)) if k not in dead)
+    return UsableTaxels(used, dead, ()) if dead and used else None
 
 
 def _with_origin(taps: TapSet, how: TapMap) -> TapSet:

@@ -1,0 +1,131 @@
+"""Streams that maps cut, and taps that they resample, align and free of useless taxels."""
+
+import numpy as np
+import pytest
+from solidtouch.models.errors import InputError
+from solidtouch.models.io.layouts.mapping import TapMap
+from solidtouch.models.io.layouts.tap_set import load_mapped
+
+RATE = 100.0
+
+
+def write(path, columns):
+    """A CSV file with these columns."""
+    rows = zip(*columns.values(), strict=True)
+    path.write_text("\n".join([",".join(columns), *(",".join(map(str, row)) for row in rows)]))
+
+
+@pytest.fixture
+def stream(tmp_path):
+    """Six presses of 20 frames on the first of three taxels; the second is dead, the third counts frames.
+
+    Before the fourth press the clock pauses for a minute, and the day changes.
+    """
+    frame = np.arange(6 * 50)
+    pressing = (frame % 50 >= 20) & (frame % 50 < 40)
+    time = frame / RATE + 60.0 * (frame >= 150)
+    columns = {
+        "t": np.round(time, 3),
+        "f1": np.where(pressing, 5.0, 0.0),
+        "f2": np.full(len(frame), 7.0),
+        "f3": frame,
+        "valve": np.where(pressing, "on", "off"),
+        "day": np.where(frame < 150, "2026-11-25 23:59", "2026-11-26 00:01"),
+    }
+    write(tmp_path / "stream.csv", columns)
+    return tmp_path / "stream.csv"
+
+
+CUT = TapMap(taxels="f*", time="t", window=30, pre=10)
+BEGINS = [10 + 50 * n for n in range(6)]
+
+
+def begins(taps):
+    """First frame of each tap."""
+    return taps.taps[:, 0, -1].tolist()
+
+
+def test_presses_by_contact_by_a_signal_and_by_events_are_the_same(stream):
+    """Of the stream's clock as well as of its frames."""
+    write(stream.with_name("presses.csv"), {"at": [0.2, 0.7, 1.2, 61.7, 62.2, 62.7]})
+    write(stream.with_name("frames.csv"), {"frame": [20 + 50 * n for n in range(6)]})
+    contact = CUT.changed(trigger="contact", level=3.0, taxels="f1")
+    signal = CUT.changed(trigger="signal", signal="valve")
+    events = CUT.changed(trigger="events", events="presses.csv:at")
+    frames = events.changed(events="frames.csv", time=None, rate=RATE)
+    found = [load_mapped(stream, how).taps for how in (signal, events, frames)]
+
+    assert [begins(taps) for taps in found] == [BEGINS] * 3
+    assert load_mapped(stream, contact).taps.taps[:, :, 0].tolist() == found[0].taps[:, :, 0].tolist()
+    assert [taps.preprocessing.trigger for taps in found] == ["press"] * 3
+    assert {taps.preprocessing.rate_hz for taps in found} == {RATE}
+
+
+@pytest.mark.parametrize("session", ["gap:30", "date:day", "day"])
+def test_a_pause_and_another_date_begin_a_session(session, stream):
+    taps = load_mapped(stream, CUT.changed(trigger="signal", signal="valve", session=session)).taps
+
+    assert taps.session.tolist() == [0, 0, 0, 1, 1, 1]
+    assert taps.trial.tolist() == [0, 1, 2, 0, 1, 2]
+
+
+def test_a_dead_taxel_is_left_out_and_named(stream):
+    """Also where taps begin by contact, and it would always be in contact."""
+    contact = CUT.changed(trigger="contact", level=3.0, taxels=("f1", "f2"), leave_out=("dead",))
+    with pytest.raises(InputError, match="no tap found"):
+        load_mapped(stream, contact.changed(leave_out=()))
+    for how in (contact, contact.changed(trigger="signal", signal="valve", level=None)):
+        taps, told = load_mapped(stream, how)
+
+        assert taps.taps.shape == (6, 30, 1)
+        assert taps.preprocessing.taxels == (0,)
+        assert any("1 of 2 taxels left out: 1 (dead" in sentence for sentence in told)
+
+
+def test_streams_are_resampled_before_they_are_cut(stream):
+    """The taxel that counts frames then counts every second one."""
+    how = CUT.changed(trigger="signal", signal="valve", resample=RATE / 2, window=10, pre=4, taxels="f3")
+    taps = load_mapped(stream, how).taps
+
+    assert (taps.preprocessing.rate_hz, taps.preprocessing.sensor_hz) == (RATE / 2, RATE)
+    assert np.diff(taps.taps[:, 2:-2, 0], axis=1) == pytest.approx(2.0, abs=1e-3)
+
+
+def test_taps_are_aligned_at_contact_and_at_their_peak(tmp_path):
+    """Those that cannot be are left out, with their labels."""
+    for name, shift, height in (("a", 2, 5), ("b", 4, 6), ("c", 3, 0.5)):
+        signal = height * np.exp(-((np.arange(10) - shift) ** 2))
+        write(tmp_path / f"{name}.csv", {"f1": np.round(signal, 3)})
+    how = TapMap(what="file:{what}.csv", taxels="f1", tap="file", align="peak", pre=1, length=4)
+    peaks = load_mapped(tmp_path, how).taps
+    contact, told = load_mapped(tmp_path, how.changed(align="contact", level=3.0))
+
+    assert peaks.taps[:, 1, 0].tolist() == [5, 6, 0.5]
+    assert (contact.taps[:, 1, 0].tolist(), contact.what.tolist()) == ([5, 6], [0, 1])
+    assert "1 tap left out: without a sample at the level 3." in told
+
+
+def test_taps_that_are_cut_are_resampled_with_their_record(tmp_path):
+    write(tmp_path / "a.csv", {"t": np.arange(40) / RATE, "f1": np.full(40, 2.5)})
+    how = TapMap(taxels="f1", tap="file", time="t", resample=RATE / 4)
+    taps = load_mapped(tmp_path / "a.csv", how).taps
+
+    assert taps.taps.tolist() == [[[2.5]] * 10]
+    assert (taps.preprocessing.rate_hz, taps.preprocessing.sensor_hz) == (RATE / 4, RATE)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({}, "what a tap is with tap"),
+        ({"trigger": "events", "events": "t"}, r"events \(--events\) must be TABLE.csv:COLUMN"),
+        ({"trigger": "events", "events": "no.csv"}, "no such table of labels"),
+        ({"trigger": "clock", "time": None, "resample": 10.0}, r"resample \(--resample\) needs the rate"),
+        ({"length": 3}, r"length \(--length\) is for taps"),
+        ({"session": "gap:long", "trigger": "clock"}, r"session \(--session\) gap:long"),
+        ({"session": "gap:3", "trigger": "clock", "time": None}, r"needs time \(--time\)"),
+    ],
+)
+def test_what_does_not_go_together_is_refused(changes, message, stream):
+    with pytest.raises(InputError, match=message):
+        load_mapped(stream, CUT.changed(**changes))
