@@ -116,6 +116,8 @@ def write_groups(groups: "Mapping[str, xr.Dataset]", path: str | Path, force: bo
 
 ON_DISK = 1 << 28
 """Bytes above which samples stay on disk."""
+_COPIES = 3
+"""How often a file that is made in memory may be there while it grows."""
 
 
 def write_netcdf(data: "xr.Dataset | xr.DataTree", path: Path) -> None:
@@ -124,26 +126,21 @@ def write_netcdf(data: "xr.Dataset | xr.DataTree", path: Path) -> None:
     Raises:
         OSError: The file cannot be written.
     """
-    content = _in_memory(data) if data.nbytes <= ON_DISK else None
-    if content is None:
+    if data.nbytes > ON_DISK or not _has_memory(_COPIES * data.nbytes):
         data.to_netcdf(path, engine="h5netcdf")
-    else:
-        path.write_bytes(content)
-
-
-def _in_memory(data: "xr.Dataset | xr.DataTree") -> "memoryview | None":
-    """Content of a netCDF file, `None` if there is no memory for it."""
+        return
     content = BytesIO()
+    data.to_netcdf(content, engine="h5netcdf")
+    path.write_bytes(content.getvalue())
+
+
+def _has_memory(size: int) -> bool:
+    """Whether so many bytes can be allocated; HDF5 crashes Python some time after it could not write."""
     try:
-        data.to_netcdf(content, engine="h5netcdf")
-    except Exception as error:  # closing a file that could not be written, HDF5 raises another one
-        cause: BaseException | None = error
-        while cause is not None and not isinstance(cause, MemoryError):
-            cause = cause.__context__
-        if cause is None:
-            raise
-        return None
-    return content.getbuffer()
+        bytearray(size)
+    except MemoryError:
+        return False
+    return True
 
 
 def spooled(
