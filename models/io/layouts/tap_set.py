@@ -43,6 +43,16 @@ def load_mapped(
 ) -> MappedTaps:
     """Taps from files of any layout.
 
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     Path(folder, "rod_4mm.csv").write_text("t;f1;f2\\n0;1,5;2\\n0,1;3;4\\n")
+    ...     how = TapMap(taxels="f*", time="t", decimal=",", tap="file", what="file:{what}_{where}.csv")
+    ...     taps = load_mapped(folder, how).taps
+    24
+    >>> taps.taps.tolist(), taps.what_name, taps.where.tolist(), taps.where_unit
+    ([[[1.5, 2.0], [3.0, 4.0]]], ['rod'], [4.0], 'mm')
+
     Args:
         sources: Files and folders; without labels of sessions each of them is one.
         how: The map, or its file.
