@@ -41,12 +41,12 @@ def load_mapped(
     missing: Missing = "refuse",
     folder: str | Path | None = None,
 ) -> MappedTaps:
-    """Taps from files of any layout.
+    r"""Taps from files of any layout.
 
     >>> from pathlib import Path
     >>> from tempfile import TemporaryDirectory
     >>> with TemporaryDirectory() as folder:
-    ...     Path(folder, "rod_4mm.csv").write_text("t;f1;f2\\n0;1,5;2\\n0,1;3;4\\n")
+    ...     Path(folder, "rod_4mm.csv").write_text("t;f1;f2\n0;1,5;2\n0,1;3;4\n")
     ...     how = TapMap(taxels="f*", time="t", decimal=",", tap="file", what="file:{what}_{where}.csv")
     ...     taps = load_mapped(folder, how).taps
     24
