@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import storage
-from ..blocks import BLOCK, over_blocks
+from ..blocks import BLOCK
 from ..errors import InputError
 from ..settings import Missing
 from ..tap_checks import not_finite
-from .recording import Labels, Recording, naming
+from .recording import Labels, Recording, concatenated, naming, runs
 
 NUMBERS = ("tap", "where", "session", "trial", "time_s", "what_value")
 WHOLE = ("tap", "session", "trial")
@@ -278,31 +278,20 @@ def _check_same_columns(first: CsvRows, other: CsvRows, first_path: Path) -> Non
 
 def _recording(paths: Sequence[Path], parts: Sequence[CsvRows]) -> Recording:
     columns = {name: np.concatenate([part.columns[name] for part in parts]) for name in parts[0].columns}
-    frames = _joined([part.taxels for part in parts])
+    frames = concatenated([part.taxels for part in parts])
     file = np.repeat(np.arange(len(parts)), [len(part.lines) for part in parts])
     lines = np.concatenate([part.lines for part in parts])
     places = _Places(paths, file, lines)
     columns.setdefault("session", file)
     labels = _labels(columns, places)
     if "tap" not in columns:
-        starts = _starts(file, columns["session"], labels.what)
+        starts = runs(file, columns["session"], labels.what)
         return Recording(frames, labels, _rate(columns, starts, places), file, time=columns.get("time_s"))
-    starts = _starts(file, columns["session"], columns["tap"])
+    starts = runs(file, columns["session"], columns["tap"])
     _check_taps(columns, starts, file, places)
     samples = np.diff(starts, append=len(frames))
     taps = frames.reshape(len(starts), samples[0], -1)
     return Recording(taps, labels.take(starts), _rate(columns, starts, places))
-
-
-def _joined(parts: Sequence[NDArray[np.float64]]) -> NDArray[np.float64]:
-    """Frames of several files, in a temporary file if they are many."""
-    if len(parts) == 1:
-        return parts[0]
-    shape, found = (sum(map(len, parts)), parts[0].shape[1]), None
-    if sum(part.nbytes for part in parts) > storage.ON_DISK:
-        blocks = (block for part in parts for block in over_blocks(part, lambda block, _: block))
-        found = storage.spooled((np.ascontiguousarray(block).data for block in blocks), shape, np.float64)
-    return np.concatenate(parts) if found is None else found
 
 
 class _Places:
@@ -314,15 +303,6 @@ class _Places:
     def __getitem__(self, row: int) -> str:
         path = f"{self._paths[self._file[row]]}, " if len(self._paths) > 1 else ""
         return f"{path}line {self._lines[row]}"
-
-
-def _starts(*keys: NDArray[Any]) -> NDArray[np.intp]:
-    """First row of each maximal run in which none of the keys changes."""
-    changes = np.zeros(len(keys[0]), dtype=bool)
-    changes[0] = True
-    for key in keys:
-        changes[1:] |= key[1:] != key[:-1]
-    return np.flatnonzero(changes)
 
 
 def _check_taps(

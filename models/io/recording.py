@@ -4,7 +4,7 @@ Every reader (`io.npz`, `io.mat`, `io.csv`) returns a `Recording`. Its rows are 
 cut taps, and frames where it holds continuous streams; the labels have the same meaning in both.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -13,11 +13,11 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .. import storage
 from ..blocks import over_blocks
 from ..errors import InputError
 from ..preprocessing import Preprocessing
 from ..settings import Missing
-from ..storage import spooled
 from ..tap_checks import not_finite
 from ..taps import TapSet
 
@@ -153,10 +153,33 @@ def _as_floats(values: NDArray[Any], kind: np.dtype[Any]) -> NDArray[np.floating
     found = None
     if isinstance(values, np.memmap):
         parts = over_blocks(values, lambda block, _: np.ascontiguousarray(block, kind).data)
-        found = spooled(parts, values.shape, kind)
+        found = storage.spooled(parts, values.shape, kind)
     return values.astype(kind) if found is None else found
 
 
 def _refused(values: NDArray[np.floating], missing: Missing) -> NDArray[np.intp]:
     """Indices of values that cannot be samples, shape (n, axes)."""
     return np.argwhere(np.isinf(values) if missing == "drop" else ~np.isfinite(values))
+
+
+def concatenated(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
+    """Taps or frames of several files one after the other, in a temporary file if they are many."""
+    if len(parts) == 1:
+        return parts[0]
+    kind = np.result_type(*parts)
+    if sum(part.nbytes for part in parts) > storage.ON_DISK:
+        shape = (sum(map(len, parts)), *parts[0].shape[1:])
+        blocks = (block for part in parts for block in over_blocks(part, lambda block, _: block))
+        joined = storage.spooled((np.ascontiguousarray(block, kind).data for block in blocks), shape, kind)
+        if joined is not None:
+            return joined
+    return np.concatenate(parts)
+
+
+def runs(*keys: NDArray[Any]) -> NDArray[np.intp]:
+    """First row of each maximal run in which none of the keys changes."""
+    changes = np.zeros(len(keys[0]), dtype=bool)
+    changes[:1] = True
+    for key in keys:
+        changes[1:] |= key[1:] != key[:-1]
+    return np.flatnonzero(changes)

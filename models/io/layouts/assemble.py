@@ -7,15 +7,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ... import storage
-from ...blocks import over_blocks
 from ...cutting.ragged import EvenTaps, even_taps
 from ...cutting.sessions import number_by_date, number_by_gap
 from ...errors import InputError
 from ...grid import values_from_names
 from ...settings import Missing
 from ...taps import in_plane
-from ..recording import Labels, Recording, as_samples, naming
+from ..recording import Labels, Recording, as_samples, concatenated, naming
 from .files import SourceFile, source_files
 from .labels import LabelTables, as_numbers, as_texts, label_source
 from .mapping import PLANE, TapMap
@@ -76,7 +74,7 @@ def read_mapped(
         return Mapped(
             Recording(even.samples, labels.take(even.kept), rate), even.missing, even.left_out, None, whose, tables
         )
-    samples = _scaled(_concatenated([np.asarray(piece.signal.samples) for piece in found]), how, missing)
+    samples = _scaled(concatenated([np.asarray(piece.signal.samples) for piece in found]), how, missing)
     if samples.ndim == 3:
         return Mapped(Recording(samples, labels, rate), missing, (), None, whose, tables)
     file = np.repeat(np.arange(len(found)), [piece.rows for piece in found])
@@ -125,20 +123,6 @@ def _kind(piece: Piece) -> str:
 
 def _taxels(piece: Piece) -> int:
     return int(np.asarray(piece.signal.samples[0]).shape[-1]) if piece.rows else 0
-
-
-def _concatenated(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
-    """The parts one after the other, in a temporary file if they are many."""
-    if len(parts) == 1:
-        return parts[0]
-    kind = np.result_type(*parts)
-    if sum(part.nbytes for part in parts) > storage.ON_DISK:
-        shape = (sum(map(len, parts)), *parts[0].shape[1:])
-        blocks = (block for part in parts for block in over_blocks(part, lambda block, _: block))
-        joined = storage.spooled((np.ascontiguousarray(block, kind).data for block in blocks), shape, kind)
-        if joined is not None:
-            return joined
-    return np.concatenate(parts)
 
 
 def _labels(found: Sequence[Piece], how: TapMap) -> Labels:

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
+from ..recording import runs
 from .formats.text_header import MISSING
 from .labels import Label, as_known, as_numbers, as_texts
 from .mapping import LABELS, TapMap
-from .signal import runs
 
 _CONDITION = re.compile(r"(.+?)(!=|=|<|>)(.*)")
 _COMPARED = {"=": operator.eq, "!=": operator.ne, "<": operator.lt, ">": operator.gt}

@@ -142,15 +142,6 @@ def _lengths(signal: Signal) -> list[tuple[int, ...]]:
     return [each.shape[:-1] for each in samples] if isinstance(samples, list) else [samples.shape[:-1]]
 
 
-def runs(*keys: NDArray[Any]) -> NDArray[np.intp]:
-    """First row of each maximal run in which none of the keys changes."""
-    changes = np.zeros(len(keys[0]), dtype=bool)
-    changes[:1] = True
-    for key in keys:
-        changes[1:] |= key[1:] != key[:-1]
-    return np.flatnonzero(changes)
-
-
 def split_frames(frames: NDArray[Any], starts: NDArray[np.intp]) -> Values:
     """Taps of consecutive frames, shape (n, J, K), or a list of them if they differ in length."""
     lengths = np.diff(starts, append=len(frames))
