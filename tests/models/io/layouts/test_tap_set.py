@@ -129,3 +129,25 @@ def test_taps_that_are_cut_are_resampled_with_their_record(tmp_path):
 def test_what_does_not_go_together_is_refused(changes, message, stream):
     with pytest.raises(InputError, match=message):
         load_mapped(stream, CUT.changed(**changes))
+
+
+def test_dead_and_saturated_taxels_are_both_left_out_by_their_own_numbers(tmp_path, rng):
+    """Of four taxels the first is dead and the third stays at its limit while pressed."""
+    frame = np.arange(6 * 50)
+    pressing = (frame % 50 >= 20) & (frame % 50 < 40)
+    noise = rng.normal(0, 0.1, (2, len(frame)))
+    columns = {
+        "f0": np.full(len(frame), 7.0),
+        "f1": np.round(4.0 * pressing + noise[0], 4),
+        "f2": np.where(pressing, 5.0, np.round(noise[1], 4)),
+        "f3": np.round(3.0 * pressing + noise[1], 4),
+        "valve": pressing.astype(int),
+    }
+    write(tmp_path / "stream.csv", columns)
+    how = TapMap(taxels="f*", trigger="signal", signal="valve", window=30, pre=10, leave_out=("dead", "saturated"))
+    taps, told = load_mapped(tmp_path / "stream.csv", how)
+
+    assert taps.preprocessing.taxels == (1, 3)
+    assert taps.taps[0, 10:12].tolist() == [[columns["f1"][n], columns["f3"][n]] for n in (20, 21)]
+    assert "1 of 4 taxels left out: 0 (dead: one value throughout)." in told
+    assert "1 of 3 taxels left out: 2 (saturated)." in told
