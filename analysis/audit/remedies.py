@@ -82,7 +82,7 @@ _MANY_TAXELS = 24
 _FOR_MANY = (
     "matrix-normal",
     "one covariance across taxels times one in time",
-    "the same covariance in all classes, taps independent",
+    "the same taxel covariance at all times, taps independent",
 )
 """What stands for taxel covariance where a forecast from every other taxel in every class would take minutes to fit."""
 _PAPER = "samples, taxels and taps independent"
