@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from solidtouch.models import storage
 from solidtouch.models.errors import InputError
@@ -84,8 +84,12 @@ def test_a_table_is_read_back_as_it_was_written(tmp_path_factory, table, size):
 
 @given(tables())
 def test_the_delimiter_that_is_found_is_the_one_that_was_written(tmp_path_factory, table):
-    """Or it is not clear, and the message names the option."""
-    _, _, content, how = table
+    """Or it is not clear, and the message names the option.
+
+    Without a header, signs in words may divide every row alike, and then nothing tells what was meant.
+    """
+    _, words, content, how = table
+    assume(how.header or not any(sign in word for word in words for sign in SIGNS.values()))
     path = tmp_path_factory.mktemp("t") / "t.csv"
     path.write_bytes(content)
     given_ = open_text(path, how)
