@@ -132,8 +132,8 @@ def _taps(path: Path, how: TapMap, missing: Missing) -> "TapSet":
             taps, told = cut_streams(recording, how)
             for sentence in told:
                 typer.echo(sentence)
-    for name in recording.left_out:
-        typer.echo(f"Left out, not one row per tap: {name}.")
+    for sentence in recording.left_out:
+        typer.echo(sentence)
     return taps
 
 

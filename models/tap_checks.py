@@ -22,6 +22,8 @@ _DIMS = {
     "where_place": ("where_class", "plane"),
     "taxel_position": ("taxel", "axis"),
 }
+RESERVED = {"time", *_DIMS, *(dim for dims in _DIMS.values() for dim in dims)}
+"""Names of the arrays and axes of a tap set, which no further array may have."""
 _OPTIONAL = ("what_value", "where_edges", "where_place", "taxel_position")
 
 

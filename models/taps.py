@@ -49,7 +49,7 @@ from .io.untrusted import seal
 from .preprocessing import Preprocessing
 from .settings import Missing, check_missing
 from .storage import check_netcdf_name, check_writable, complete_file, read_groups, read_zarr, room_for, write_netcdf
-from .tap_checks import check_shapes, check_values
+from .tap_checks import RESERVED, check_shapes, check_values
 
 FORMAT = 1
 _ROUNDING = 1e-6  # in cells
@@ -187,6 +187,8 @@ class TapSet:
             )
         variables: dict[str, Any] = {"taps": (("tap", "sample", "taxel"), taps, {"units": units})}
         for name, values in (extra or {}).items():
+            if name in RESERVED:
+                raise InputError(f"array {name} must be renamed: the name is reserved in a tap set.")
             variables[name] = (("tap", "taxel")[: np.ndim(values)], np.asarray(values))
         attributes = {
             "sensor": sensor,

@@ -65,7 +65,6 @@ EDGES = {
         "models/io/layouts/formats/hdf5_nodes.py",
         "models/io/layouts/formats/matlab.py",
         "models/io/layouts/formats/matlab_hdf5.py",
-        "models/io/mat.py",
         "models/storage.py",
     ),
     "jax": (
@@ -102,7 +101,7 @@ EDGES = {
         "models/measurement/**/*.py",
         "models/touch.py",
     ),
-    "pandas": ("models/io/csv.py", "models/io/layouts/formats/text.py"),
+    "pandas": ("models/io/layouts/formats/text.py",),
     "pyarrow": ("models/io/isolated/columnar.py", "models/io/layouts/formats/columnar.py"),
     "rich": ("analysis/live/*.py", "analysis/page/terminal.py", "cli/**/*.py"),
     "serial": ("hardware/link/port.py",),

@@ -25,6 +25,8 @@ under its own name.
 
 import json
 from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -32,19 +34,64 @@ from numpy.typing import NDArray
 
 from ..errors import InputError
 from ..settings import Missing
-from .recording import Labels, Recording, as_samples, check_real
+from .layouts.formats.contents import Contents, TextTable, Variable
+from .layouts.formats.registry import open_contents
+from .recording import Labels, Recording, as_samples, check_real, naming
 
-ROW_VECTORS = ("what", "where", "session", "trial")
-TABLE_VECTORS = ("what_names", "what_values", "where_values", "where_edges")
-TEXTS = ("where_unit", "what_unit", "units", "meta")
-KNOWN = {"taps", "stream", "taxel_position", *ROW_VECTORS, *TABLE_VECTORS, *TEXTS}
-_MOST_RATE = 1e12
-_TAKEN = {  # names reserved in a TapSet
-    *("tap", "sample", "taxel", "axis", "time", "what_class", "where_class", "where_edge"),
-    *("what_name", "what_value", "where_value"),
+KNOWN = {
+    *("taps", "stream", "what", "where", "session", "trial", "taxel_position", "what_names", "what_values"),
+    *("where_values", "where_edges", "where_unit", "what_unit", "units", "meta"),
 }
-
+_MOST_RATE = 1e12
 Arrays = Mapping[str, NDArray[Any]]
+
+
+def read_arrays(path: Path, missing: Missing = "refuse") -> Recording:
+    """Recording from a `.npz` or `.mat` file, of which only what a tap set holds is read.
+
+    Raises:
+        InputError: The file is damaged, or as `recording_from_arrays`; the message names it.
+    """
+    contents = open_contents(path, TextTable())
+    with naming(path):
+        declared = _declared(contents)
+        samples = declared[_check_layout(declared)]
+        used = [name for name, each in declared.items() if _is_used(name, each, samples)]
+        values = contents.read(used)[0].items()
+        arrays = {name: np.reshape(of, [n or 0 for n in declared[name].shape]) for name, of in values}
+        recording = recording_from_arrays(arrays, missing)
+    unused = {name: f"not one row per tap, {each.shape}" for name, each in declared.items() if name not in used}
+    told = sorted({**unused, **contents.unreadable}.items())
+    return replace(recording, left_out=tuple(f"Array {name} is left out: {why}." for name, why in told))
+
+
+def _declared(contents: Contents) -> dict[str, Variable]:
+    """What a file says of its arrays.
+
+    Raises:
+        InputError: One that is needed cannot be read.
+    """
+    found = dict(contents.variables)
+    for name in sorted(KNOWN if found else contents.unreadable):
+        if name in contents.unreadable:
+            raise InputError(f"array {name} cannot be read: {contents.unreadable[name]}.")
+        if name in found and None in found[name].shape:
+            raise InputError(
+                f"array {name}: its elements differ in shape; taps of different lengths need a map (--map)."
+            )
+    return _with_dropped_axes(found) if contents.path.suffix.lower() == ".mat" else found
+
+
+def _with_dropped_axes(found: dict[str, Variable]) -> dict[str, Variable]:
+    """Arrays of MATLAB, which has no trailing axes of length one, with those of this layout."""
+    one_tap = "what" in found and found["what"].shape == (1,)
+    for name, axes in {"taps": 3, "stream": 2, "taxel_position": 2}.items():
+        if name in found:
+            shape = found[name].shape
+            if len(shape) == 1 and (name == "taxel_position" or (name == "taps" and one_tap)):
+                shape = (1, *shape)
+            found[name] = replace(found[name], shape=(*shape, *[1] * (axes - len(shape))))
+    return found
 
 
 def recording_from_arrays(arrays: Arrays, missing: Missing = "refuse") -> Recording:
@@ -54,10 +101,9 @@ def recording_from_arrays(arrays: Arrays, missing: Missing = "refuse") -> Record
         InputError: An array is missing or has the wrong shape or content, or labels point outside their table; the
             message names the array and the place.
     """
-    name = check_layout(arrays)
+    name = _check_layout(arrays)
     samples = as_samples(name, arrays[name], missing)
     meta = _meta(arrays)
-    extra, left_out = _extra(arrays, samples)
     what, names = _whole(arrays, "what", len(samples)), _names(arrays)
     _check_range("what", what, len(names), "what_names")
     labels = Labels(
@@ -66,40 +112,29 @@ def recording_from_arrays(arrays: Arrays, missing: Missing = "refuse") -> Record
         session=_whole(arrays, "session", len(samples), 0),
         trial=_whole(arrays, "trial", len(samples)) if "trial" in arrays else None,
         what_name=names,
-        extra=extra,
+        extra={name: arrays[name] for name in sorted(set(arrays) - KNOWN) if _is_used(name, arrays[name], samples)},
         tables=_tables(arrays) | _attributes(meta),
     )
     file = np.zeros(len(samples), dtype=np.int64) if name == "stream" else None
-    return Recording(samples, labels, _rate(meta), file, left_out)
+    return Recording(samples, labels, _rate(meta), file)
 
 
-def check_present(arrays: Mapping[str, Any]) -> str:
-    """Checks that no array is missing.
+def _check_layout(arrays: Mapping[str, Any]) -> str:
+    """Checks the names, types and shapes of arrays, or of what a file declares of them.
 
     Returns:
         Name of the array of samples, `"taps"` or `"stream"`.
 
     Raises:
-        InputError: One is.
-    """
-    samples = "stream" if "stream" in arrays and "taps" not in arrays else "taps"
-    for name in (samples, "what", "what_names"):
-        _required(arrays, name)
-    return samples
-
-
-def check_layout(arrays: Mapping[str, Any]) -> str:
-    """Checks the names, types and shapes of arrays, or of what a file declares of them; returns as `check_present`.
-
-    Raises:
         InputError: An array is missing or has the wrong type or shape.
     """
-    name = check_present(arrays)
-    samples, names, axes = arrays[name], arrays["what_names"], {"taps": "(N, J, K)", "stream": "(S, K)"}[name]
+    name = "stream" if "stream" in arrays and "taps" not in arrays else "taps"
+    samples, what, names = (_required(arrays, each) for each in (name, "what", "what_names"))
+    axes = {"taps": "(N, J, K)", "stream": "(S, K)"}[name]
     check_real(name, samples)
     if len(samples.shape) != len(axes.split(",")) or 0 in samples.shape:
         raise InputError(f"array {name} must have shape {axes} without empty axes, got {samples.shape}.")
-    check_real("what", arrays["what"])
+    check_real("what", what)
     if names.dtype.kind not in "US" or len(names.shape) != 1:
         raise InputError(f"array what_names must be a list of text, got {names.dtype} of shape {names.shape}.")
     if not names.shape[0]:
@@ -107,7 +142,7 @@ def check_layout(arrays: Mapping[str, Any]) -> str:
     return name
 
 
-def is_used(name: str, values: Any, samples: Any) -> bool:
+def _is_used(name: str, values: Any, samples: Any) -> bool:
     """Whether a tap set holds an array, by its name or because it has one row, of one or K numbers, per tap."""
     n, k = samples.shape[0], samples.shape[-1]
     return name in KNOWN or (values.shape in ((n,), (n, k)) and values.dtype.kind in "fiubU")
@@ -221,18 +256,3 @@ def _attributes(meta: Mapping[str, Any]) -> dict[str, str]:
         "licence": str(meta.get("licence", meta.get("license", ""))),
         "source": "; ".join(part for part in (place, str(meta.get("note", ""))) if part),
     }
-
-
-def _extra(arrays: Arrays, samples: NDArray[Any]) -> tuple[dict[str, NDArray[Any]], tuple[str, ...]]:
-    """Further arrays with one row per tap, and the names of those with another shape or non-numeric content."""
-    extra, left_out = {}, []
-    for name in sorted(set(arrays) - KNOWN):
-        values = arrays[name]
-        fits = is_used(name, values, samples)
-        if fits and name in _TAKEN:
-            raise InputError(f"array {name} must be renamed: the name is reserved in a tap set.")
-        if fits:
-            extra[name] = values
-        else:
-            left_out.append(f"{name} {values.shape}")
-    return extra, tuple(left_out)

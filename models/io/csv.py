@@ -1,24 +1,38 @@
-"""CSV files, and folders of them, to a `Recording`; `csv_rows` documents the columns."""
+"""CSV files with the columns of this software, and folders of them, to a `Recording`.
 
-import csv
-import re
-from array import array
+=====================  ===============================================================================================
+column                 meaning
+=====================  ===============================================================================================
+``taxel...``           samples, one column for each taxel
+``what``               name of the object
+``what_value``         its size
+``where``              position
+``tap``                number of the tap, the same in its consecutive rows; without it rows are frames of streams
+``session``            number of the recording session; without it that of the file in its folder
+``trial``              number of the tap as recorded
+``time_s``             time in seconds
+=====================  ===============================================================================================
+
+The first and ``what`` are required. Every further column is kept, as numbers if all of its cells are.
+"""
+
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import storage
 from ..blocks import BLOCK
 from ..errors import InputError
 from ..settings import Missing
 from ..tap_checks import not_finite
+from .layouts.formats.contents import Contents, TextTable
+from .layouts.formats.registry import open_contents
+from .layouts.labels import as_known
+from .layouts.patterns import natural
 from .recording import Labels, Recording, concatenated, naming, runs
 
 NUMBERS = ("tap", "where", "session", "trial", "time_s", "what_value")
@@ -30,54 +44,43 @@ class CsvRows:
     """The rows of one file.
 
     Attributes:
+        contents: The file.
         taxels: Samples, shape (R, K).
         taxel_names: Header of the taxel columns, `K` names.
         columns: Other columns, each of shape (R,): numbers, or text for `what` and non-numeric columns.
-        lines: Line of each row in the file, counted from 1, shape (R,).
     """
 
+    contents: Contents
     taxels: NDArray[np.float64]
     taxel_names: tuple[str, ...]
     columns: dict[str, NDArray[Any]]
-    lines: NDArray[np.int64]
 
 
-def read_rows(path: Path, missing: Missing = "refuse") -> CsvRows:
+def _read_rows(path: Path, missing: Missing) -> CsvRows:
     """Rows of a file.
 
     Raises:
-        InputError: The file is empty or not UTF-8 text, the header lacks or repeats a column, or a row has a missing
-            cell or one that is not a finite number; the message names line and column.
+        InputError: The file is no table, the header lacks or repeats a column, or a cell holds no number where one is
+            needed; the message names file, line and column.
     """
-    try:
-        rows = _rows(path)
-        header = [name.strip() for name in next(rows, (1, []))[1]]
+    contents = open_contents(path, TextTable(delimiter=","), "text")
+    with naming(path):
+        header = contents.columns
         _check_header(header)
-        numeric = [i for i, name in enumerate(header) if name in NUMBERS or name.startswith("taxel")]
-        lines = _check_rows(rows, header, numeric)
-        table, taxels, cells = _cells(path, header, numeric, lines, missing)
-    except UnicodeDecodeError as error:
-        raise InputError("not a CSV file: not UTF-8 text.") from error
-    except csv.Error as error:
-        raise InputError(f"not a CSV file: {error}.") from error
-    except OSError as error:
-        raise InputError(f"cannot read: {error.strerror}.") from error
-    columns = {header[i]: table[:, j] for j, i in enumerate(i for i in numeric if header[i] in NUMBERS)}
-    columns |= {name: _column(name, cells[i], lines) for i, name in enumerate(header) if i not in numeric}
-    names = tuple(header[i] for i in numeric if header[i] not in NUMBERS)
-    return CsvRows(taxels, names, columns | _whole(columns, lines), lines)
-
-
-def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Line number and cells of the first row and of all non-empty rows."""
-    with path.open(encoding="utf-8-sig", newline="") as file:
-        reader = csv.reader(file, strict=True)
-        yield from ((reader.line_num, row) for row in reader if row or reader.line_num == 1)
+        taxels = tuple(name for name in header if name.startswith("taxel"))
+        known = [name for name in NUMBERS if name in header]
+        values, table = contents.read([name for name in header if name not in (*taxels, *known)], [*taxels, *known])
+        numbers = np.asanyarray(table)
+        _check_finite(contents, numbers, len(taxels) if missing == "drop" else 0, [*taxels, *known])
+        columns = {name: numbers[:, i] for i, name in enumerate(known, len(taxels))}
+        columns |= {name: as_known(np.asarray(of)) if name != "what" else np.asarray(of) for name, of in values.items()}
+        empty = np.flatnonzero(columns["what"] == "")
+        if len(empty):
+            raise InputError(f"{contents.place(int(empty[0]))}, column what: empty.")
+        return CsvRows(contents, numbers[:, : len(taxels)], taxels, columns | _whole(contents, columns))
 
 
 def _check_header(header: Sequence[str]) -> None:
-    if not header:
-        raise InputError("the file is empty or starts with an empty line; a header line is needed.")
     twice = [name for name, number in Counter(header).items() if number > 1]
     if twice:
         raise InputError(f"line 1: column {twice[0]!r} is repeated.")
@@ -87,161 +90,41 @@ def _check_header(header: Sequence[str]) -> None:
         raise InputError("line 1: no column name starts with taxel.")
 
 
-def _check_rows(
-    rows: Iterable[tuple[int, list[str]]], header: Sequence[str], numeric: Sequence[int]
-) -> NDArray[np.int64]:
-    """Line number of each row; pandas gives none, fills short rows and joins text around quotes."""
-    lines = array("q")
-    for line, row in rows:
-        if len(row) != len(header):
-            raise InputError(f"line {line}: {len(row)} cells, but the header has {len(header)}.")
-        if not lines:
-            _floats(line, row, header, numeric)  # pandas takes a column of only True and False for numbers
-        lines.append(line)
-    if not lines:
-        raise InputError("the file has a header but no data rows.")
-    return np.asarray(lines)
+def _check_finite(contents: Contents, table: NDArray[np.float64], may_miss: int, names: Sequence[str]) -> None:
+    """Checks numbers, of which the first columns may be missing."""
+    step = max(1, BLOCK // (8 * len(names)))
+    for start in range(0, len(table), step):
+        bad = ~np.isfinite(table[start : start + step])
+        bad[:, :may_miss] &= ~np.isnan(table[start : start + step, :may_miss])
+        if bad.any():
+            row, column = np.argwhere(bad)[0].tolist()
+            value, name = table[start + row, column], names[column]
+            why = not_finite(value, sample=name not in NUMBERS)
+            raise InputError(f"{contents.place(start + row)}, column {name}: {value}; {why}")
 
 
-def _cells(
-    path: Path, header: Sequence[str], numeric: Sequence[int], lines: NDArray[np.int64], missing: Missing
-) -> tuple[NDArray[np.float64], NDArray[np.float64], Any]:
-    """Numbers, shape (R, columns), those of taxels, shape (R, K), and a frame with the text of the other columns.
-
-    Those of taxels are in a temporary file if they are many.
-    """
-    import pandas as pd  # noqa: PLC0415
-
-    names = [header[i] for i in numeric]
-    taxel = np.array([name not in NUMBERS for name in names])
-    shape = len(lines), int(taxel.sum())
-    large = 8 * shape[0] * shape[1] > storage.ON_DISK
-    at_once = max(1, BLOCK // (8 * len(numeric))) if large else len(lines)
-
-    def gathered(on_disk: bool, parts: Callable[..., Iterator[tuple[NDArray[np.float64], Any]]]) -> Any:
-        numbers, texts = [], []
-
-        def samples() -> Iterator[NDArray[np.float64]]:
-            start = 0
-            for table, text in parts(path, header, numeric, at_once):
-                unknown = np.isnan(table) & (taxel & (missing == "drop"))
-                _check_finite(np.where(unknown, 0.0, table), lines[start:], names)
-                numbers.append(table[:, ~taxel])
-                texts.append(text)
-                start += len(table)
-                yield table[:, taxel]
-
-        if on_disk:
-            taxels = storage.spooled((np.ascontiguousarray(part).data for part in samples()), shape, np.float64)
-            if taxels is None:
-                return gathered(False, parts)
-        else:
-            taxels = np.concatenate(list(samples()))
-        return np.concatenate(numbers), taxels, pd.concat(texts, ignore_index=True)
-
-    try:
-        return gathered(large, _quickly)
-    except InputError:
-        raise
-    except ValueError:  # pandas does not give the place, and `float` accepts more, such as 1_000
-        return gathered(large, _as_python)
-
-
-def _frames(path: Path, width: int, numeric: Sequence[int], at_once: int, **more: Any) -> Iterator[Any]:
-    """Frames of so many rows, with numbers in some columns and text in the others."""
-    import pandas as pd  # noqa: PLC0415
-
-    kinds: Any = {i: "float64" if i in numeric else "object" for i in range(width)}
-    how: Any = {"header": 0, "names": list(kinds), "dtype": kinds, "na_filter": False, "low_memory": False}
-    with path.open(encoding="utf-8-sig", newline="") as file:
-        yield from pd.read_csv(file, chunksize=at_once, **how, **more)
-
-
-def _quickly(
-    path: Path, header: Sequence[str], numeric: Sequence[int], at_once: int
-) -> Iterator[tuple[NDArray[np.float64], Any]]:
-    """Numbers and texts of so many rows at a time, as pandas reads them."""
-    numeric = list(numeric)
-    for frame in _frames(path, len(header), numeric, at_once):
-        yield frame[numeric].to_numpy(), frame.drop(columns=numeric)
-
-
-def _as_python(
-    path: Path, header: Sequence[str], numeric: Sequence[int], at_once: int
-) -> Iterator[tuple[NDArray[np.float64], Any]]:
-    """Likewise, but numbers as Python reads them."""
-    rows = islice(_rows(path), 1, None)
-    texts = [i for i in range(len(header)) if i not in numeric]
-    for frame in _frames(path, len(header), numeric, at_once, usecols=texts):
-        own = islice(rows, len(frame))
-        table = array("d", chain.from_iterable(_floats(line, row, header, numeric) for line, row in own))
-        yield np.asarray(table).reshape(-1, len(numeric)), frame
-
-
-def _floats(line: int, row: Sequence[str], header: Sequence[str], numeric: Sequence[int]) -> list[float]:
-    """The numbers of a row as Python reads them."""
-    try:
-        return [float(row[i]) for i in numeric]
-    except ValueError as error:
-        i = next(i for i in numeric if not _is_number(row[i]))
-        raise InputError(f"line {line}, column {header[i]}: {row[i]!r} is not a number.") from error
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
-
-
-def _check_finite(table: NDArray[np.float64], lines: NDArray[np.int64], names: Sequence[str]) -> None:
-    bad = np.argwhere(~np.isfinite(table))
-    if len(bad):
-        row, column = bad[0]
-        raise InputError(
-            f"line {lines[row]}, column {names[column]}: {table[row, column]}; "
-            f"{not_finite(table[row, column], sample=names[column] not in NUMBERS)}"
-        )
-
-
-def _column(name: str, cells: Any, lines: NDArray[np.int64]) -> NDArray[Any]:
-    """A text column; converted to numbers if all cells are numeric and it is not a label."""
-    codes, found = cells.factorize()
-    texts: Any = [text.strip() for text in found]
-    if name == "what":
-        empty = np.flatnonzero(np.array([not text for text in texts])[codes])
-        if len(empty):
-            raise InputError(f"line {lines[empty[0]]}, column what: empty.")
-    else:
-        with suppress(ValueError):
-            texts = [float(text) for text in texts]
-    return np.array(texts)[codes]
-
-
-def _whole(columns: dict[str, NDArray[Any]], lines: NDArray[np.int64]) -> dict[str, NDArray[Any]]:
+def _whole(contents: Contents, columns: dict[str, NDArray[Any]]) -> dict[str, NDArray[np.int64]]:
     """Columns of counts, as integers."""
     whole = {}
     for name in set(WHOLE) & set(columns):
         values = columns[name]
         bad = np.flatnonzero(values != np.round(values))
         if len(bad):
-            raise InputError(f"line {lines[bad[0]]}, column {name}: {values[bad[0]]:g} is not an integer.")
+            raise InputError(f"{contents.place(int(bad[0]))}, column {name}: {values[bad[0]]:g} is not an integer.")
         whole[name] = values.astype(np.int64)
     return whole
-
-
-_TAKEN = ("taps", "sample", "axis", "time", "what_name", "what_class", "where_value", "where_class", "where_edges")
 
 
 def read_csv(path: Path, missing: Missing = "refuse") -> Recording:
     """Recording from one file.
 
     Raises:
-        InputError: As `read_rows`, or the rows of a tap are inconsistent.
+        InputError: The file is not such a table, or the rows of a tap are inconsistent; the message names file, line
+            and column.
     """
+    rows = _read_rows(path, missing)
     with naming(path):
-        return _recording([path], [read_rows(path, missing)])
+        return _recording([rows])
 
 
 def read_csv_folder(folder: Path, missing: Missing = "refuse") -> Recording:
@@ -252,36 +135,30 @@ def read_csv_folder(folder: Path, missing: Missing = "refuse") -> Recording:
     Raises:
         InputError: As `read_csv`; or there is no such file, or they have different columns.
     """
-    paths = sorted((p for p in folder.iterdir() if p.suffix.lower() == ".csv"), key=_natural)
+    paths = sorted((p for p in folder.iterdir() if p.suffix.lower() == ".csv"), key=lambda path: natural(path.name))
     if not paths:
         raise InputError(f"{folder}: no .csv files in this folder.")
-    parts = []
+    parts: list[CsvRows] = []
     for path in paths:
+        parts.append(_read_rows(path, missing))
         with naming(path):
-            parts.append(read_rows(path, missing))
-            _check_same_columns(parts[0], parts[-1], paths[0])
-    return _recording(paths, parts)
+            _check_same_columns(parts[0], parts[-1])
+    return _recording(parts)
 
 
-def _natural(path: Path) -> list[tuple[int, str]]:
-    """Sorts `session-2` before `session-10`."""
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"([0-9]+)", path.name)]
-
-
-def _check_same_columns(first: CsvRows, other: CsvRows, first_path: Path) -> None:
+def _check_same_columns(first: CsvRows, other: CsvRows) -> None:
     if first.taxel_names != other.taxel_names:
-        raise InputError(f"line 1: taxel columns differ from those of {first_path}.")
+        raise InputError(f"line 1: taxel columns differ from those of {first.contents.path}.")
     differing = sorted(set(first.columns) ^ set(other.columns))
     if differing:
-        raise InputError(f"line 1: column {differing[0]} is either here or in {first_path}, but not in both.")
+        raise InputError(f"line 1: column {differing[0]} is either here or in {first.contents.path}, but not in both.")
 
 
-def _recording(paths: Sequence[Path], parts: Sequence[CsvRows]) -> Recording:
+def _recording(parts: Sequence[CsvRows]) -> Recording:
     columns = {name: np.concatenate([part.columns[name] for part in parts]) for name in parts[0].columns}
     frames = concatenated([part.taxels for part in parts])
-    file = np.repeat(np.arange(len(parts)), [len(part.lines) for part in parts])
-    lines = np.concatenate([part.lines for part in parts])
-    places = _Places(paths, file, lines)
+    file = np.repeat(np.arange(len(parts)), [len(part.taxels) for part in parts])
+    places = _Places(parts)
     columns.setdefault("session", file)
     labels = _labels(columns, places)
     if "tap" not in columns:
@@ -297,12 +174,16 @@ def _recording(paths: Sequence[Path], parts: Sequence[CsvRows]) -> Recording:
 class _Places:
     """File and line of a row, for messages."""
 
-    def __init__(self, paths: Sequence[Path], file: NDArray[np.int64], lines: NDArray[np.int64]) -> None:
-        self._paths, self._file, self._lines = paths, file, lines
+    def __init__(self, parts: Sequence[CsvRows]) -> None:
+        self._parts = parts
 
     def __getitem__(self, row: int) -> str:
-        path = f"{self._paths[self._file[row]]}, " if len(self._paths) > 1 else ""
-        return f"{path}line {self._lines[row]}"
+        number = 0
+        while row >= len(self._parts[number].taxels):
+            row -= len(self._parts[number].taxels)
+            number += 1
+        contents = self._parts[number].contents
+        return f"{contents.path}, {contents.place(row)}" if len(self._parts) > 1 else contents.place(row)
 
 
 def _check_taps(
@@ -346,9 +227,6 @@ def _labels(columns: dict[str, NDArray[Any]], places: _Places) -> Labels:
             raise InputError(f"{places[bad[0]]}: what_value of {columns['what'][bad[0]]} differs from its first one.")
         tables["what_value"] = values[first][order]
     extra = {name: column for name, column in columns.items() if name not in ("what", *NUMBERS)}
-    for name in extra:
-        if name in _TAKEN:
-            raise InputError(f"column {name} must be renamed: the name is reserved in a tap set.")
     return Labels(
         what=np.argsort(order)[what],
         where=columns.get("where", np.zeros(len(what))),

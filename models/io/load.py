@@ -4,17 +4,15 @@ These are `.nc`, `.zarr`, `.mcap`, `.npz`, `.csv`, `.mat` and folders of `.csv` 
 """
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
 
 from ..errors import InputError, check_path
 from ..settings import Missing, check_missing
 from ..taps import TapSet, concatenate
-from .arrays import recording_from_arrays
+from .arrays import read_arrays
 from .csv import read_csv, read_csv_folder
-from .mat import read_mat
-from .npz import read_npz
 from .recording import Recording, naming
 
 type TapSource = TapSet | str | Path
@@ -22,10 +20,6 @@ type TapSource = TapSet | str | Path
 
 CUT = (".nc", ".zarr")
 """Endings of tap sets."""
-_READERS: dict[str, Callable[[Path, Missing], Recording]] = {
-    ".npz": lambda path, missing: recording_from_arrays(read_npz(path), missing),
-    ".mat": lambda path, missing: recording_from_arrays(read_mat(path), missing),
-}
 
 
 def load_taps(path: str | Path, missing: Missing = "refuse") -> TapSet:
@@ -144,14 +138,8 @@ def read_recording(path: str | Path, missing: Missing = "refuse") -> Recording:
         return read_csv_folder(path, missing)
     if kind == ".csv":
         return read_csv(path, missing)
-    if kind not in _READERS:
-        raise InputError(
-            f"{path}: unknown format; supported: .nc, .zarr, .mcap, .npz, .csv, .mat and folders of .csv files."
-        )
-    with naming(path):
-        if path.stat().st_size == 0:
-            raise InputError("the file is empty.")
-        try:
-            return _READERS[kind](path, missing)
-        except OSError as error:
-            raise InputError(f"cannot read: {error.strerror or error}.") from error
+    if kind in (".npz", ".mat"):
+        return read_arrays(path, missing)
+    raise InputError(
+        f"{path}: unknown format; supported: .nc, .zarr, .mcap, .npz, .csv, .mat and folders of .csv files."
+    )

@@ -1,7 +1,7 @@
 """Content of a file before it becomes a `TapSet`: samples, with labels for each row.
 
-Every reader (`io.npz`, `io.mat`, `io.csv`) returns a `Recording`. Its rows are taps where the file holds
-cut taps, and frames where it holds continuous streams; the labels have the same meaning in both.
+Every reader (`io.arrays`, `io.csv`, `io.layouts.assemble`) returns a `Recording`. Its rows are taps where the file
+holds cut taps, and frames where it holds continuous streams; the labels have the same meaning in both.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -82,7 +82,7 @@ class Recording:
         labels: Labels of the `N` taps or `S` frames.
         rate_hz: Sampling rate in hertz, `None` if not given.
         file: For streams, the number of the file that each frame comes from, shape (S,).
-        left_out: Arrays that could not be kept, with their shapes, for messages.
+        left_out: Arrays that could not be kept, one sentence each.
         time: For streams, the time of each frame in seconds, shape (S,), if known.
     """
 
@@ -126,7 +126,8 @@ def check_real(name: str, values: Any) -> None:
         InputError: It does not hold real numbers.
     """
     if values.dtype.kind not in "fiub":
-        raise InputError(f"array {name} must hold real numbers, got {values.dtype}.")
+        got = "text" if values.dtype.kind in "US" else values.dtype
+        raise InputError(f"array {name} must hold real numbers, got {got}.")
 
 
 def as_samples(name: str, values: NDArray[Any], missing: Missing = "refuse") -> NDArray[np.floating]:

@@ -14,8 +14,9 @@ from solidtouch.models import blocks, storage
 from solidtouch.models.blocks import block_length, over_blocks
 from solidtouch.models.errors import InputError
 from solidtouch.models.io.joining import joined
+from solidtouch.models.io.layouts.formats.contents import TextTable
+from solidtouch.models.io.layouts.formats.numpy_files import open_npz
 from solidtouch.models.io.load import load_taps
-from solidtouch.models.io.npz import read_npz
 from solidtouch.models.measurement import gaussian, profile, profile_ar, profile_mvn, smooth, student
 from solidtouch.models.measurement.fits.priors import CellPrior
 from solidtouch.models.measurement.registry import fit_model
@@ -274,7 +275,9 @@ def test_a_large_archive_is_mapped(make_taps, arrays_of, tmp_path, monkeypatch):
     monkeypatch.setattr(storage, "ON_DISK", 1000)
     monkeypatch.setattr(blocks, "BLOCK", 7 * J * K * 8)
 
-    mapped, read = read_npz(tmp_path / "taps.npz")["taps"], read_npz(tmp_path / "small.npz")["taps"]
+    mapped, read = (
+        open_npz(tmp_path / name, TextTable()).read(["taps"])[0]["taps"] for name in ("taps.npz", "small.npz")
+    )
     assert isinstance(mapped, np.memmap)
     assert isinstance(read, np.memmap)
     np.testing.assert_array_equal(mapped, read)

@@ -35,10 +35,10 @@ BAD = {
     "bomb": ({"taps": np.zeros((24, 1000, 50))}, r"declares 9\.6\d* MB of content in [\d.]+ kB; more than 250 times"),
     "bomb without names": ({"taps": np.zeros((24, 1000, 50)), "what_names": None}, "missing array what_names; the fi"),
     "what missing": ({"what": None}, "missing array what; the file holds"),
-    "taps of text": ({"taps": np.full((24, 6, 5), "x")}, "array taps must hold real numbers, got <U1"),
+    "taps of text": ({"taps": np.full((24, 6, 5), "x")}, "array taps must hold real numbers, got text"),
     "flat taps": ({"taps": np.zeros(24)}, r"array taps must have shape \(N, J, K\) without empty axes, got \(24,\)"),
     "names of numbers": ({"what_names": np.arange(4)}, "array what_names must be a list of text"),
-    "objects": ({"other": np.array([{}])}, "array other contains pickled objects, which are refused"),
+    "objects": ({"what": np.array([{}])}, "array what cannot be read: it holds pickled objects, which are refused"),
 }
 
 
@@ -103,8 +103,9 @@ def in_zarr(path):
 def in_matlab(path):
     with h5py.File(path, "w") as file:
         file.create_dataset("taps", LARGE, "f8", chunks=(100, 10, 10))
-        for name in ("what", "what_names"):
-            file[name] = [1.0]
+        file["what"] = [1.0]
+        file["what_names"] = np.array([[120]], np.uint16)
+        file["what_names"].attrs["MATLAB_class"] = np.bytes_("char")
 
 
 @pytest.mark.parametrize(("write", "name"), [(in_netcdf, "x.nc"), (in_zarr, "x.zarr"), (in_matlab, "x.mat")])

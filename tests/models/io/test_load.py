@@ -204,7 +204,7 @@ def test_zip_of_something_else_is_refused(tmp_path):
     with zipfile.ZipFile(tmp_path / "a.npz", "w") as archive:
         archive.writestr("letter.txt", "hello")
 
-    with pytest.raises(InputError, match=r"letter.txt of the archive is not an array"):
+    with pytest.raises(InputError, match=r"letter.txt cannot be read: it is not an array"):
         load_taps(tmp_path / "a.npz")
 
 

@@ -28,8 +28,8 @@ def test_the_least_that_is_needed_is_an_object_and_a_taxel(tmp_path):
 
 
 def test_bytes_that_spreadsheets_add_do_no_harm(tmp_path):
-    """A byte order mark, Windows line ends, blank lines, quotes and blanks around names are fine."""
-    text = '\ufefftap, what ,"taxel 1"\r\n0,"ball, red",1e3\r\n\r\n1,box, -2 \r\n\r\n'
+    """A byte order mark, Windows line ends, blank lines, quotes, blanks around names and a last comma are fine."""
+    text = '\ufeff\r\n   \r\ntap, what ,"taxel 1"\r\n0,"ball, red",1e3\r\n\r\n1,box, -2 ,\r\n\r\n'
 
     taps = load_taps(write(tmp_path, text))
 
@@ -38,13 +38,11 @@ def test_bytes_that_spreadsheets_add_do_no_harm(tmp_path):
 
 
 def test_numbers_are_read_as_python_reads_them(tmp_path):
-    """Exactly, and also those that only Python takes for numbers."""
-    cells = ("0.1", "-0", "9007199254740993", "2.2250738585072011e-308", "1_000.5", " 7\t", "123456789012345678901")
+    """Exactly."""
+    cells = ("0.1", "-0", "9007199254740993", "2.2250738585072011e-308", " 7\t", "123456789012345678901")
+    taps = load_taps(write(tmp_path, "tap,what,taxel\n" + "".join(f"{i},a,{cell}\n" for i, cell in enumerate(cells))))
 
-    for read in (cells, [cell for cell in cells if "_" not in cell]):
-        taps = load_taps(write(tmp_path, "tap,what,taxel\n" + "".join(f"{i},a,{c}\n" for i, c in enumerate(read))))
-
-        assert taps.taps.tobytes() == np.array([float(cell) for cell in read]).tobytes()
+    assert taps.taps.tobytes() == np.array([float(cell) for cell in cells]).tobytes()
 
 
 def test_names_that_look_like_numbers_stay_as_they_are_written(tmp_path):
@@ -74,8 +72,7 @@ def test_other_columns_are_kept_as_numbers_or_text(tmp_path):
 
 BAD = {
     "empty": ("", "the file is empty"),
-    "blank first": ("\n" + HEADER, "starts with an empty line"),
-    "header only": (HEADER, "a header but no data rows"),
+    "header only": (HEADER, "no rows below the header"),
     "no object": ("tap,taxel_1\n0,1\n", r"line 1: missing column what; columns, split at commas: tap, taxel_1\."),
     "semicolons": (
         "tap;what;taxel\n0;a;1\n",
@@ -86,19 +83,22 @@ BAD = {
     "not a number": (HEADER + "0,a,1,1,2\n0,a,1,x7,2\n", r"line 3, column taxel_1: 'x7' is not a number"),
     "after blank lines": (
         HEADER + "0,a,1,1,2\n\n\n0,a,1,,2\n",
-        r"line 5, column taxel_1: '' is not a numb",
+        r"line 5, column taxel_1: nan; NaN and infinite",
     ),
     "after quoted line end": ('tap,what,taxel\n0,"a\nb",1\n1,c,x\n', r"line 4, column taxel: 'x'"),
     "decimal comma": (HEADER + '0,a,1,"1,5",2\n', r"line 2, column taxel_1: '1,5'"),
     "nan": (HEADER + "0,a,1,1,nan\n", r"line 2, column taxel_2: nan; NaN and infinite"),
     "infinite": (HEADER + "0,a,1,1,2\n0,a,1,-inf,2\n", r"line 3, column taxel_1: -inf"),
     "truth values": ("tap,what,taxel\n0,a,True\n1,a,False\n", r"line 2, column taxel: 'True' is not a"),
-    "zero bytes": (HEADER + "0,a,1,1,2\n0,a,1,1,2\0\0\n", r"line 3, column taxel_2: '2\\x00\\x00' is not"),
-    "blanks only": (HEADER + "0,a,1,1,2\n   \n", "line 3: 1 cells, but the header has 5"),
-    "text cell missing": ("tap,what,taxel,who\n0,a,1,ann\n1,a,1\n", "line 3: 3 cells, but the header has 4"),
-    "after a quote": ('tap,what,taxel\n0,"a"b,1\n', "not a CSV file: ',' expected after '\"'"),
-    "cell missing": (HEADER + "0,a,1,1\n", "line 2: 4 cells, but the header has 5"),
-    "cell too many": (HEADER + "0,a,1,1,2,\n", "line 2: 6 cells, but the header has 5"),
+    "zero bytes": (HEADER + "0,a,1,1,2\n0,a,1,1,2\0\0\n", "not a text table: it holds zero bytes"),
+    "separators": (HEADER + "0,a,1,1_000,2\n", "line 2, column taxel_1: '1_000' is not a number"),
+    "text cell missing": (
+        "tap,what,taxel,who\n0,a,1,ann\n1,a,1\n",
+        r"line 3: 3 cells, but there are 4 columns, split at commas\.",
+    ),
+    "after a quote": ('tap,what,taxel\n0,"a"b,1\n', "line 2: ',' expected after '\"'"),
+    "cell missing": (HEADER + "0,a,1,1\n", "line 2: 4 cells, but there are 5 columns"),
+    "cell too many": (HEADER + "0,a,1,1,2,9\n", "line 2: 6 cells, but there are 5 columns"),
     "object empty": (HEADER + "0,a,1,1,2\n1, ,1,1,2\n", "line 3, column what: empty"),
     "tap broken": (HEADER + "0,a,1,1,2\n0.5,a,1,1,2\n", "line 3, column tap: 0.5 is not an integer"),
     "lengths": (HEADER + "0,a,1,1,2\n0,a,1,1,2\n7,a,1,1,2\n", "line 4: tap 7 has 1 rows, the first tap 2"),
@@ -116,8 +116,8 @@ BAD = {
         "tap,time_s,what,taxel\n0,0,a,1\n0,0.1,a,1\n1,0,a,1\n1,0,a,1\n",
         "line 5: time_s does not increase",
     ),
-    "name taken": ("tap,what,taxel,sample\n0,a,1,2\n", "column sample must be renamed"),
-    "quote open": ('tap,what,taxel\n0,"a,1\n', "not a CSV file: unexpected end of data"),
+    "name taken": ("tap,what,taxel,sample\n0,a,1,2\n", "sample must be renamed"),
+    "quote open": ('tap,what,taxel\n0,"a,1\n', "line 2: a quoted cell does not end"),
     "stream": ("what,taxel\na,1\na,2\n", "contains continuous streams; .* solidtouch convert --trigger"),
 }
 
@@ -133,11 +133,11 @@ def test_bad_rows_are_named_with_line_and_column(case, tmp_path):
     assert str(caught.value).startswith(f"{path}: ")
 
 
-def test_text_in_another_encoding_is_refused(tmp_path):
-    (tmp_path / "a.csv").write_bytes("tap,what,taxel\n0,Würfel,1\n".encode("latin-1"))
+@pytest.mark.parametrize("encoding", ["utf-8", "latin-1", "utf-16"])
+def test_text_may_be_in_the_encodings_of_spreadsheets(encoding, tmp_path):
+    (tmp_path / "a.csv").write_bytes("tap,what,taxel\n0,Würfel,1\n".encode(encoding))
 
-    with pytest.raises(InputError, match="not UTF-8 text"):
-        load_taps(tmp_path / "a.csv")
+    assert load_taps(tmp_path / "a.csv").what_name == ["Würfel"]
 
 
 def test_each_file_of_a_folder_is_a_session_in_natural_order(tmp_path):
@@ -202,7 +202,7 @@ def test_a_stream_has_the_rate_of_its_median_step(tmp_path):
 
 def test_many_columns_are_checked_soon(tmp_path):
     path = tmp_path / "wide.csv"
-    path.write_text(",".join(f"taxel_{k}" for k in range(50_000)) + "\n")
+    path.write_text(",".join(f"taxel_{k}" for k in range(50_000)) + f"\n{'0,' * 49_999}0\n")
 
     with pytest.raises(InputError, match="line 1: missing column what"):
         load_taps(path)

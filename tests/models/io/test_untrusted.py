@@ -10,13 +10,11 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import h5py
-import numpy as np
 import pytest
 from scipy.io import savemat
 from solidtouch.models.errors import InputError
 from solidtouch.models.io import untrusted
 from solidtouch.models.io.load import load_taps
-from solidtouch.models.io.mat import read_mat
 
 
 @pytest.fixture
@@ -128,19 +126,6 @@ def test_a_text_that_says_that_it_is_long_is_not_made(saved):
 
     with pytest.raises(InputError, match=r"taps\.nc: reading it takes more than 1\.\d+ GB of memory"):
         load_taps(saved)
-
-
-def test_all_of_a_matlab_file_comes_through(tmp_path):
-    path = tmp_path / "taps.mat"
-    values = {"file": np.eye(3), "z": np.array([[1j]]), "s": {"a": 1}, "names": np.array(["a", "bb"], dtype=object)}
-    savemat(path, values)
-
-    arrays = read_mat(path)
-
-    np.testing.assert_array_equal(arrays["file"], np.eye(3))
-    np.testing.assert_array_equal(arrays["z"], [[1j]])
-    assert list(arrays["names"]) == ["a", "bb"]
-    assert arrays["s"] == "struct, sparse matrix, function, string or object"
 
 
 ENDS = {

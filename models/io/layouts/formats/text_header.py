@@ -70,7 +70,7 @@ class TextLayout:
         width = len(self.names)
         if len(cells) < width or len(cells) > width + self.spare or any(cells[width:]):
             found = f"{len(cells)} cell{'s' * (len(cells) != 1)}"
-            raise InputError(f"line {line}: {found}, but there are {width} columns, split at {_name(self.delimiter)}.")
+            raise InputError(f"line {line}: {found}, but there are {width} columns, split at {_named(self.delimiter)}.")
 
 
 def layout_of(lines: Lines, how: TextTable) -> TextLayout:
@@ -176,5 +176,5 @@ def _layout(table: Rows, delimiter: str, how: TextTable) -> TextLayout:
     return replace(layout, numeric=tuple(numeric))
 
 
-def _name(delimiter: str) -> str:
-    return next((name for name, sign in DELIMITERS.items() if sign == delimiter), delimiter)
+def _named(delimiter: str) -> str:
+    return {",": "commas", ";": "semicolons", "\t": "tabs", " ": "blanks"}.get(delimiter, repr(delimiter))

@@ -14,8 +14,8 @@ from hypothesis.extra import numpy as of_numpy
 from scipy.io import netcdf_file, savemat
 from solidtouch.models import storage
 from solidtouch.models.errors import InputError
-from solidtouch.models.io import npz, untrusted
-from solidtouch.models.io.layouts.formats import named_arrays
+from solidtouch.models.io import untrusted
+from solidtouch.models.io.layouts.formats import named_arrays, numpy_files
 from solidtouch.models.io.layouts.formats.contents import TextTable
 from solidtouch.models.io.layouts.formats.hdf5 import open_hdf5, open_netcdf
 from solidtouch.models.io.layouts.formats.matlab import open_mat
@@ -136,7 +136,7 @@ def test_large_arrays_stay_on_disk(saved, monkeypatch):
     wanted = np.arange(6000.0).reshape(20, 30, 10)
     contents = saved(taps=wanted)
     monkeypatch.setattr(storage, "ON_DISK", 1000)
-    for module in (named_arrays, npz):
+    for module in (named_arrays, numpy_files):
         monkeypatch.setattr(module, "BLOCK", 3000)
     found = contents.read(["taps"])[0]["taps"]
 

@@ -168,7 +168,7 @@ def test_rows_have_places(tmp_path):
         ("a,b\n", {}, "no rows below the header"),
         ("a,b\n1,2\n", {"skip_rows": 5}, "5 skipped"),
         ("a,b\n1,2\n3,x\n", {"delimiter": ","}, "line 3, column b: 'x' is not a number."),
-        ("a,b\n1,2\n3\n", {"delimiter": ","}, "line 3: 1 cell, but there are 2 columns, split at ,"),
+        ("a,b\n1,2\n3\n", {"delimiter": ","}, "line 3: 1 cell, but there are 2 columns, split at commas"),
         ("a,b\n1,2\n3,4,5\n", {"delimiter": ","}, "line 3: 3 cells"),
         ("a,b\n1,2\n3\n", {}, "--delimiter, or --skip-rows or --comment for lines before it (line 3: 1 cell"),
         ("Device 5, made by us\n\na;b\n1;2\n", {}, "--skip-rows"),
