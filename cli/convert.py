@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from ..models.taps import TapSet
 
 _OTHER_LAYOUT = "missing column", "missing array", "no column name starts with taxel", "unknown format", "no .csv files"
-_CUTTING = "window", "tare", "tare_samples", "highpass", "signal", "events"
 
 
 @spelled_out
@@ -47,8 +46,8 @@ def convert(
     """Import recorded taps, or cut recorded streams into taps, and write one .nc file."""
     with loading():
         from ..models.errors import InputError
-        from ..models.io.joining import joined, relabel
-        from ..models.io.layouts.mapping import load_map
+        from ..models.io.joining import joined
+        from ..models.io.layouts.mapping import check_cutting, load_map, option
         from ..models.io.load import check_there
         from ..models.storage import check_netcdf_name, check_writable
 
@@ -66,20 +65,35 @@ def convert(
         raise InputError(f"{target}: name the recordings and the .nc file to write, or --look to see what is there.")
     check_netcdf_name(target)
     check_writable(target, force)
-    _check_cutting(how, segment)
+    if segment and how.trigger is None:
+        raise InputError(f"--segment requires {option('trigger')}, such as contact.")
+    check_cutting(how)
     check_there(sources)
     if map_file is not None or how.says_something:
-        from ..models.io.layouts.tap_set import load_mapped
-
-        taps, told = load_mapped(sources, how, missing, folder=None if map_file is None else map_file.parent)
-        for sentence in told:
-            typer.echo(sentence)
-        how = how.changed(rate=None)
+        taps = _mapped(sources, how, missing, None if map_file is None else map_file.parent)
     else:
         with _looking_helps():
             parts = [_taps(path, how, missing) for path in sources]
-        taps = joined(parts, [str(path) for path in sources])
-    labelled = relabel(
+        taps = _labelled(joined(parts, [str(path) for path in sources]), how)
+    taps.save(target, force)
+    _tell(target, taps, how)
+
+
+def _mapped(sources: list[Path], how: TapMap, missing: Missing, folder: Path | None) -> "TapSet":
+    """Taps of files of any layout; prints what was cut and left out."""
+    from ..models.io.layouts.tap_set import load_mapped
+
+    taps, told = load_mapped(sources, how, missing, folder)
+    for sentence in told:
+        typer.echo(sentence)
+    return taps
+
+
+def _labelled(taps: "TapSet", how: TapMap) -> "TapSet":
+    """Taps of this software's layout with the units, the rate and the origin that options state."""
+    from ..models.io.joining import relabel
+
+    return relabel(
         taps,
         sensor=how.sensor,
         source=how.source,
@@ -90,10 +104,13 @@ def convert(
         rate_hz=how.rate,
         citation=how.citation,
     )
-    labelled.save(target, force)
-    n, j, k = labelled.samples.shape
-    taps = f"{n} tap{'s' * (n != 1)} of {j} sample{'s' * (j != 1)}"
-    typer.echo(f"{target}: {taps} from {k} taxel{'s' * (k != 1)}.")
+
+
+def _tell(target: Path, taps: "TapSet", how: TapMap) -> None:
+    """Prints what was written, and what the map says of its origin."""
+    n, j, k = taps.samples.shape
+    counts = f"{n} tap{'s' * (n != 1)} of {j} sample{'s' * (j != 1)} from {k} taxel{'s' * (k != 1)}"
+    typer.echo(f"{target}: {counts}.")
     for name, text in (("Licence", how.licence), ("Cite as", how.citation)):
         if text:
             typer.echo(f"{name}: {text}.".replace("..", "."))
@@ -145,22 +162,3 @@ def _recorded(path: Path) -> "TapSet":
     if recorded.lost:
         typer.echo(f"Damaged: {recorded.lost}.")
     return tapset(recorded, path)
-
-
-def _check_cutting(how: TapMap, segment: bool) -> None:
-    """Checks that the options that cut streams are complete."""
-    from ..models.errors import InputError
-
-    given_ones = [f"--{name.replace('_', '-')}" for name in _CUTTING if getattr(how, name) is not None]
-    if how.trigger is None and (segment or given_ones):
-        raise InputError(f"{'--segment' if segment else given_ones[0]} requires --trigger, such as contact.")
-    if how.trigger is None:
-        return
-    if how.window is None:
-        raise InputError(f"--trigger {how.trigger} requires --window, the number of samples per tap.")
-    if how.trigger == "contact" and not how.level:
-        raise InputError("--trigger contact requires a nonzero --level, the value that counts as contact.")
-    if how.trigger in ("signal", "events") and not getattr(how, how.trigger):
-        raise InputError(f"--trigger {how.trigger} requires --{how.trigger}, where the presses are.")
-    if how.tare in ("stream", "tap") and not how.tare_samples:
-        raise InputError(f"--tare {how.tare} requires --tare-samples, the number of samples to average.")

@@ -1,7 +1,7 @@
 """Where presses begin in recorded streams: by a recorded signal, or by the times or frame numbers of events."""
 
 from collections.abc import Callable
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,12 +19,10 @@ class Presses(NamedTuple):
 
     Attributes:
         row: First frame after each press as a row of the recording, shape (P,), not decreasing.
-        event: Number of the event that each is, counted from 0 in the order given, shape (P,).
         outside: Number of events that lie outside the streams, and of presses that began before their stream.
     """
 
     row: NDArray[np.intp]
-    event: NDArray[np.intp]
     outside: int
 
 
@@ -43,7 +41,7 @@ def presses_of_column(signal: ArrayLike, starts: ArrayLike = (0,), name: str = "
     Raises:
         InputError: The signal has another shape, is text that is neither, or never changes.
     """
-    values = _numbers(signal, name)
+    values = numbers_or_truths(signal, name)
     values = np.where(np.isfinite(values), values, np.nan)
     low, high = (np.nanmin(values), np.nanmax(values)) if not np.isnan(values).all() else (0.0, 0.0)
     if not low < high:
@@ -56,17 +54,11 @@ def presses_of_column(signal: ArrayLike, starts: ArrayLike = (0,), name: str = "
     decided = np.flatnonzero(above | below | first)
     up = above[decided]
     rises = up & ~np.concatenate([[True], up[:-1]]) & ~first[decided]
-    rows = decided[rises]
-    return Presses(rows, np.arange(len(rows)), int((above & first).sum()))
+    return Presses(decided[rises], int((above & first).sum()))
 
 
 def presses_of_events(
-    events: ArrayLike,
-    unit: Literal["s", "frames"],
-    file: ArrayLike,
-    *,
-    time: ArrayLike | None = None,
-    of: ArrayLike | None = None,
+    events: ArrayLike, file: ArrayLike, *, time: ArrayLike | None = None, of: ArrayLike | None = None
 ) -> Presses:
     """Presses by a table of events; each is at the first frame that is not before it.
 
@@ -74,25 +66,23 @@ def presses_of_events(
     it is earlier than one median step before the first frame.
 
     Args:
-        events: Times in seconds, on the clock of `time`, or numbers of frames, counted from 0 in each file; shape (E,).
-        unit: Which of both they are.
+        events: Times in seconds on the clock of `time`, or without it numbers of frames, counted from 0 in each file;
+            shape (E,).
         file: Number of the file of each frame, shape (S,).
         time: Time of each frame in seconds, shape (S,).
         of: Number of the file of each event, shape (E,); may be left out if there is one file, or if times of
             different files do not overlap.
 
     Raises:
-        InputError: Times are needed but not known, or events cannot be told to which file they belong.
+        InputError: Events are not numbers of frames, or it is not clear to which file they belong.
     """
     at = check_numbers(events, "events")
     file = np.asarray(file)
     if at.ndim != 1 or not np.isfinite(at).all():
         raise InputError("events must be a list of finite numbers.")
-    if unit == "frames" and (at != np.round(at)).any():
-        raise InputError("events: numbers of frames must be whole; give the unit if they are seconds.")
-    if unit == "s" and time is None:
-        raise InputError("events in seconds need the time of each frame; give its column, or events as frame numbers.")
-    clock = None if time is None or unit != "s" else check_numbers(time, "time")
+    if time is None and (at != np.round(at)).any():
+        raise InputError("events: numbers of frames must be whole; those in seconds need the time of each frame.")
+    clock = None if time is None else check_numbers(time, "time")
     names = np.unique(file)
     if of is None:
         if len(names) > 1 and (clock is None or _overlap(clock, file)):
@@ -107,12 +97,20 @@ def presses_of_events(
         find = _by_number(len(frames)) if clock is None else _by_time(clock[frames])
         found = find(at[which])
         rows[which] = np.where(found < 0, -1, frames[found])
-    order = np.argsort(rows, kind="stable")
-    order = order[rows[order] >= 0]
-    return Presses(rows[order], order, len(at) - len(order))
+    inside = np.sort(rows[rows >= 0])
+    return Presses(inside, len(at) - len(inside))
 
 
-def _numbers(signal: ArrayLike, name: str) -> NDArray[np.float64]:
+def numbers_or_truths(signal: ArrayLike, name: str) -> NDArray[np.float64]:
+    """Numbers, with 1 and 0 for truth values and texts such as `true` and `no`; an empty text is 0.
+
+    Args:
+        signal: Shape (S,).
+        name: Its name for messages.
+
+    Raises:
+        InputError: It has another shape, or holds other texts.
+    """
     values: NDArray[Any] = np.asarray(signal)
     if values.ndim != 1 or not len(values):
         raise InputError(f"{name}: must have one value for each frame, got shape {values.shape}.")

@@ -1,4 +1,4 @@
-"""Numbers of sessions and streams, by pauses, dates or names."""
+"""Sessions and streams, by pauses and dates."""
 
 import re
 from datetime import date
@@ -33,19 +33,17 @@ def median_step(time: ArrayLike, broken: ArrayLike | None = None) -> float:
     return float(np.median(steps)) if len(steps) else np.inf
 
 
-def breaks(time: ArrayLike, broken: ArrayLike | None = None, steps: float = GAP_STEPS) -> NDArray[np.bool_]:
-    """Whether a gap is before each frame: time rises by more than so many median steps, or falls; shape (S,).
+def breaks(time: ArrayLike, broken: ArrayLike) -> NDArray[np.bool_]:
+    """Whether a gap is before each frame: time rises by more than `GAP_STEPS` median steps, or falls; shape (S,).
 
     Args:
         time: Time of each frame in seconds, shape (S,).
         broken: Whether a frame is known not to follow the one before it, shape (S,); there is no gap then.
-        steps: Number of median steps.
     """
-    time = check_numbers(time, "time")
-    known = np.zeros(len(time), dtype=bool) if broken is None else np.asarray(broken, dtype=bool)
+    time, known = check_numbers(time, "time"), np.asarray(broken, dtype=bool)
     found = np.zeros(len(time), dtype=bool)
     change = np.diff(time)
-    found[1:] = (change > steps * median_step(time, known)) | (change < 0)
+    found[1:] = (change > GAP_STEPS * median_step(time, known)) | (change < 0)
     return found & ~known
 
 
@@ -90,13 +88,6 @@ def number_by_date(values: ArrayLike) -> NDArray[np.int64]:
     texts, which = np.unique(values.astype(np.str_), return_inverse=True)
     days = np.array([_date(str(text)).toordinal() for text in texts], dtype=np.int64)
     return np.unique(days[which], return_inverse=True)[1].astype(np.int64)
-
-
-def number_by_name(values: ArrayLike) -> NDArray[np.int64]:
-    """Numbers from 0 of the distinct values, such as names of files, in the order in which they appear; shape (n,)."""
-    values = np.asarray(values)
-    _, first, which = np.unique(values, return_index=True, return_inverse=True)
-    return np.argsort(np.argsort(first))[which].astype(np.int64)
 
 
 def _date(text: str) -> date:

@@ -53,14 +53,12 @@ def usable_taxels(taps: TapSet, *, dead: bool = True, saturated: bool = True) ->
         InputError: None would be left.
     """
     extremes = taps.extremes
-    low, high = taxel_ranges(extremes)
-    of_one_value = set(np.flatnonzero((low == high) | np.isnan(low)).tolist()) if dead else set()
+    of_one_value = set(dead_taxels(extremes)) if dead else set()
     at_limit = set(saturated_taxels(taps.samples, extremes)) - of_one_value if saturated else set()
-    used = tuple(k for k in range(len(low)) if k not in of_one_value | at_limit)
+    K = extremes.shape[2]
+    used = tuple(k for k in range(K) if k not in of_one_value | at_limit)
     if not used:
-        raise InputError(
-            f"no taxel would be left: of {len(low)}, {len(of_one_value)} are dead and {len(at_limit)} saturated."
-        )
+        raise InputError(f"no taxel would be left: of {K}, {len(of_one_value)} are dead and {len(at_limit)} saturated.")
     return UsableTaxels(used, tuple(sorted(of_one_value)), tuple(sorted(at_limit)))
 
 
@@ -94,6 +92,12 @@ def with_taxels(taps: TapSet, used: Sequence[int]) -> TapSet:
 def taxel_ranges(extremes: NDArray[np.floating]) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
     """Lowest and highest value of each taxel, shape (K,), from those of each tap, see `TapSet`."""
     return np.fmin.reduce(extremes[:, 0]), np.fmax.reduce(extremes[:, 1])
+
+
+def dead_taxels(extremes: NDArray[np.floating]) -> tuple[int, ...]:
+    """The taxels that have one value in all taps or none at all; argument as for `taxel_ranges`."""
+    low, high = taxel_ranges(extremes)
+    return tuple(np.flatnonzero((low == high) | np.isnan(low)).tolist())
 
 
 def constant_taxels(extremes: NDArray[np.floating]) -> tuple[int, ...]:

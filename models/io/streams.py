@@ -3,17 +3,18 @@
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..cutting.presses import Presses
-from ..cutting.sessions import GAP_STEPS, breaks
+from ..cutting.sessions import breaks
 from ..cutting.tap_cutter import CutTap, TapCutter
 from ..errors import InputError
 from ..preprocessing import Preprocessing
 from ..taps import TapSet
-from .recording import Labels, Recording
+from .recording import Recording
 
 _AT_ONCE = 2**20  # numbers that are preprocessed together
 
@@ -25,60 +26,52 @@ class Segmented:
     Attributes:
         taps: The taps; `trial` counts them within their session.
         streams: Number of streams.
+        gaps: Number of gaps in time at which streams were split.
         incomplete: Number of taps cut short by the start or end of their stream.
-        silent: Streams without a complete tap, each with session, object and length.
-        row: Row of the recording that triggered each tap, shape (N,).
-        event: Number of the event that each tap is, shape (N,); `None` without presses.
         overlapping: Number of taps given up because the next press came before their end.
         outside: Number of events outside the streams and of presses that began before their stream.
-        gaps: Number of gaps in time at which streams were split.
+        silent: Streams without a complete tap, each with session, object and length.
     """
 
     taps: TapSet
     streams: int
+    gaps: int
     incomplete: int
+    overlapping: int
+    outside: int
     silent: tuple[str, ...]
-    row: NDArray[np.intp]
-    event: NDArray[np.intp] | None = None
-    overlapping: int = 0
-    outside: int = 0
-    gaps: int = 0
 
     @property
-    def lost(self) -> tuple[str, ...]:
-        """What was lost, one sentence each."""
-        told = (
-            (self.incomplete, "cut short by the start or end of {} stream", "its", "their"),
-            (self.overlapping, "given up, as the next press came before {} end", "its", "their"),
+    def told(self) -> tuple[str, ...]:
+        """What was cut and what was lost, one sentence each."""
+        split = f", split at {_number(self.gaps, 'gap')} in time" if self.gaps else ""
+        lost = (
+            (self.incomplete, "tap", "cut short by the start or end of a stream"),
+            (self.overlapping, "tap", "given up, as the next press came before the end"),
+            (self.outside, "press", "outside the streams"),
         )
-        taps = [_counted(number, "tap", text.format(one if number == 1 else more)) for number, text, one, more in told]
-        outside = _counted(self.outside, "press", "outside the streams")
-        return (*filter(None, (*taps, outside)), *(f"No tap in the stream of {stream}." for stream in self.silent))
+        return (
+            f"{_number(len(self.taps), 'tap')} from {_number(self.streams, 'stream')}{split}.",
+            *(f"{_number(number, what)} left out: {why}." for number, what, why in lost if number),
+            *(f"No tap in the stream of {stream}." for stream in self.silent),
+        )
 
 
-def stream_starts(recording: Recording, gap_steps: float = GAP_STEPS) -> NDArray[np.intp]:
+def stream_starts(recording: Recording) -> NDArray[np.intp]:
     """First row of each stream.
 
     A stream is a maximal run of one object in one session of one file, without a gap in time if times are known.
 
     Args:
         recording: Frames with labels, shape (S, K).
-        gap_steps: A step of more than so many median steps is a gap, as is a step back.
 
     Raises:
         InputError: The recording holds cut taps.
     """
-    return np.flatnonzero(np.logical_or(*_broken(recording, gap_steps)))
+    return np.flatnonzero(np.logical_or(*_broken(recording)))
 
 
-def segment(
-    recording: Recording,
-    preprocessing: Preprocessing,
-    presses: Presses | None = None,
-    *,
-    labels: Labels | None = None,
-    gap_steps: float = GAP_STEPS,
-) -> Segmented:
+def segment(recording: Recording, preprocessing: Preprocessing, presses: Presses | None = None) -> Segmented:
     """Cuts every stream of a recording, see `stream_starts`.
 
     A tap has the labels of the frame that triggered it: its position, which may change along the stream, is that at the
@@ -88,8 +81,6 @@ def segment(
         recording: Frames with labels, shape (S, K).
         preprocessing: Preprocessing with a trigger. Its rate is used unchanged.
         presses: Where presses begin, for the trigger `"press"`.
-        labels: Labels of the events, if taps have those instead of the frames'.
-        gap_steps: As for `stream_starts`.
 
     Raises:
         InputError: The recording holds cut taps, the record has no trigger or does not fit the presses, or no tap was
@@ -98,59 +89,50 @@ def segment(
     if (presses is not None) != (preprocessing.trigger == "press"):
         given = "no presses" if presses is None else "presses"
         raise InputError(f"trigger={preprocessing.trigger!r} was asked for, but {given} were given.")
-    known, gap = _broken(recording, gap_steps)
+    known, gap = _broken(recording)
     _check_finite(recording, preprocessing)
-    frames, silent = recording.labels, []
-    taps: list[CutTap] = []
-    rows: list[int] = []
+    frames, taps, rows, silent = recording.labels, list[NDArray[Any]](), list[int](), list[str]()
     incomplete = overlapping = streams = 0
     for first, last in _bounds(known | gap):
         cutter = TapCutter(preprocessing)
         found = list(_cut(cutter, recording.samples[first:last], _within(presses, first, last)))
-        taps.extend(found)
-        rows.extend(first + tap.frame for tap in found)
-        incomplete += cutter.incomplete - cutter.overlapping
-        overlapping += cutter.overlapping
+        taps += (tap.samples.astype(recording.samples.dtype) for tap in found)
+        rows += (first + tap.frame for tap in found)
+        incomplete, overlapping = incomplete + cutter.incomplete, overlapping + cutter.overlapping
         streams += 1
         if not found:
             name = frames.what_name[frames.what[first]]
             silent.append(f"session {frames.session[first]}, {name}, {last - first} frames")
+    incomplete -= overlapping
     if not taps:
-        raise InputError(
-            f"no tap found in {streams} streams: {_why(recording, preprocessing, incomplete, presses, overlapping)}."
-        )
-    row = np.asarray(rows, dtype=np.intp)
-    event = None if presses is None else presses.event[np.searchsorted(presses.row, row, side="right") - 1]
-    taken = frames.take(row) if labels is None or event is None else labels.take(event)
-    taken = replace(taken, trial=_count(taken.session))
-    samples = np.stack([tap.samples for tap in taps]).astype(recording.samples.dtype)
+        why = _why(recording, preprocessing, incomplete, presses, overlapping)
+        raise InputError(f"no tap found in {_number(streams, 'stream')}: {why}.")
+    labels = frames.take(rows)
     return Segmented(
-        taken.tapset(samples, preprocessing),
+        replace(labels, trial=_count(labels.session)).tapset(np.stack(taps), preprocessing),
         streams,
+        int(np.count_nonzero(gap)),
         incomplete,
-        tuple(silent),
-        row,
-        event,
         overlapping,
         0 if presses is None else presses.outside,
-        int(np.count_nonzero(gap)),
+        tuple(silent),
     )
 
 
-def _counted(number: int, what: str, why: str) -> str:
-    plural = f"{what}es" if what.endswith("s") else f"{what}s"
-    return f"{number} {what if number == 1 else plural} left out: {why}." if number else ""
+def _number(number: int, what: str) -> str:
+    plural = "es" if what.endswith("s") else "s"
+    return f"{number} {what}{plural * (number != 1)}"
 
 
-def _broken(recording: Recording, gap_steps: float) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def _broken(recording: Recording) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Whether a stream begins at each row by its labels, and by a gap; two arrays of shape (S,)."""
     if recording.file is None:
-        raise InputError("the taps are already cut; segmenting (--segment) is for continuous streams.")
+        raise InputError("the taps are already cut; trigger (--trigger) is for continuous streams.")
     keys = np.stack([np.asarray(recording.file), recording.labels.session, recording.labels.what])
     known = np.concatenate([[True], (keys[:, 1:] != keys[:, :-1]).any(axis=0)])
     if recording.time is None:
         return known, np.zeros(len(known), dtype=bool)
-    return known, breaks(recording.time, known, gap_steps)
+    return known, breaks(recording.time, known)
 
 
 def _bounds(broken: NDArray[np.bool_]) -> Iterator[tuple[int, int]]:
@@ -206,10 +188,10 @@ def _why(
     recording: Recording, preprocessing: Preprocessing, incomplete: int, presses: Presses | None, overlapping: int
 ) -> str:
     if presses is not None and not len(presses.row):
-        return f"all {presses.outside} presses are outside of them" if presses.outside else "there are no presses"
+        return "all presses are outside the streams" if presses.outside else "there are no presses"
     if incomplete or overlapping:
         given_up = f", and {overlapping} given up for the next press" if overlapping else ""
-        return f"{incomplete} were cut short by the start or end of their stream{given_up}"
+        return f"{_number(incomplete, 'tap')} cut short by the start or end of a stream{given_up}"
     if preprocessing.trigger == "contact":
         low, high = recording.samples.min(), recording.samples.max()
         return f"the level is {preprocessing.trigger_level:g} and the values as stored span {low:g} to {high:g}"

@@ -3,8 +3,9 @@
 from fnmatch import fnmatchcase
 
 from ...errors import InputError
+from ..recording import naming
 from .formats.contents import Contents
-from .mapping import TapMap
+from .mapping import TapMap, option
 from .patterns import is_pattern
 
 _MOST_SHOWN = 12
@@ -35,7 +36,8 @@ def taxel_columns(how: TapMap, contents: Contents) -> list[str]:
         elif is_pattern(text) and text not in names:
             matched = [name for name in names if fnmatchcase(name, _literal_brackets(text))]
         else:
-            matched = [contents.named(text)]
+            with naming(option("taxels")):
+                matched = [contents.named(text)]
         if not matched:
             raise InputError(
                 f"no column matches taxels (--taxels) {text!r}; columns: {', '.join(names[:_MOST_SHOWN])}."
@@ -57,7 +59,7 @@ def agreeing(columns: list[str], contents: Contents, how: TapMap, first: FirstCo
     if shared == first.keys() == set(columns):
         if columns != names and _by_number(how):
             raise InputError(
-                "columns of taxels stand in another order than in the first file; name them in taxels (--taxels)."
+                "columns of taxels are in another order than in the first file; name them in taxels (--taxels)."
             )
         return names
     other = next((name for name in columns if name not in first), None) or next(n for n in names if n not in columns)

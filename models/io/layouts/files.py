@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from ...errors import InputError, check_path
-from .formats.registry import ENDINGS, ending
+from .formats.registry import ENDINGS, ending, unknown
 from .mapping import LABELS, TapMap
 from .patterns import compiled_pattern, fields_of, natural
 
@@ -54,15 +54,13 @@ def _texts(value: object) -> tuple[str, ...]:
 def _below(path: Path, number: int, how: TapMap) -> Iterator[SourceFile]:
     if not path.exists():
         raise InputError(f"{path}: no such file.")
-    if path.is_file() or (path.is_dir() and ending(path.name) in ENDINGS):
+    if not is_folder(path):
         yield SourceFile(path, path.name, number)
         return
     names = names_below(path)
     if how.files is None:
         names = [name for name in names if not _is_table(name, how)]
-        kinds = Counter(kind for name in names if (kind := ending(name)) in ENDINGS)
-        if not kinds:
-            raise InputError(f"{path}: no file of a known kind in this folder ({', '.join(sorted(ENDINGS))}).")
+        kinds = kinds_of(path, names)
         if len({ENDINGS[kind] for kind in kinds}) > 1:
             counted = ", ".join(f"{n} {kind}" for kind, n in kinds.most_common(_MOST_SHOWN))
             raise InputError(f"{path}: holds files of several kinds ({counted}); say which with files (--files).")
@@ -81,6 +79,23 @@ def _is_table(name: str, how: TapMap) -> bool:
     texts = [text for key in (*LABELS, "what_value", "events") for text in _texts(getattr(how, key))]
     own = name, name.rpartition("/")[2]
     return any(text == each or text.startswith(f"{each}:") for text in texts for each in own)
+
+
+def is_folder(path: Path) -> bool:
+    """Whether a path is a folder of files, and no store of Zarr."""
+    return path.is_dir() and ending(path.name) not in ENDINGS
+
+
+def kinds_of(folder: Path, names: Sequence[str]) -> Counter[str]:
+    """Endings of the files of known kinds among those of a folder.
+
+    Raises:
+        InputError: There is none.
+    """
+    kinds = Counter(kind for name in names if (kind := ending(name)) in ENDINGS)
+    if not kinds:
+        raise unknown(folder, names, f"no file of a known kind in this folder ({', '.join(sorted(ENDINGS))})")
+    return kinds
 
 
 def names_below(folder: Path) -> list[str]:

@@ -10,10 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
+from ..recording import naming
 from .files import SourceFile
 from .formats.contents import Contents, TextTable, Values
 from .formats.registry import ENDINGS, ending, open_contents
-from .patterns import filled, number_in
+from .mapping import option
+from .patterns import filled, number_in, unclear_comma
 
 type Label = NDArray[Any] | str | float | ByOrder
 """One value for each tap or row, or the same for all."""
@@ -100,38 +102,45 @@ class LabelTables:
             InputError: There is no such table or column, or no row for this file.
         """
         name = filled(source.name, file.fields)
-        path, columns = self._place(name, file), self.columns(name, file)
+        values, others = self.column(source, file)
+        path = self._place(name, file)
+        if (path, source.column) not in self._naming:
+            below = [each for each in self.files if each.path.is_relative_to(path.parent)] or list(self.files)
+            self._naming[path, source.column] = rows_by_file(others, below)
+        named = self._naming[path, source.column]
+        if named:
+            if not (found := rows_of(file, named)):
+                raise InputError(f"{name} has no row for this file.")
+            return str(values[found[0]]) if len(found) == 1 else values[found]
+        return values if len(self.files) == 1 and len(values) == rows else ByOrder(values, name)
+
+    def column(self, source: LabelSource, file: SourceFile) -> tuple[NDArray[Any], dict[str, NDArray[Any]]]:
+        """A column of a table beside a file or in another folder, and the other columns that hold texts.
+
+        Args:
+            source: The table and column; the only column, and one that is called like the label, needs no name.
+            file: The file.
+
+        Raises:
+            InputError: There is no such table or column, or the table is damaged.
+        """
+        name = filled(source.name, file.fields)
+        columns = self._columns(self._place(name, file))
         column = source.column or (next(iter(columns)) if len(columns) == 1 else source.key)
         if column not in columns:
             raise InputError(f"{name}: no column {column!r}; columns: {', '.join(columns)[:200]}.")
-        if (path, column) not in self._naming:
-            others = {key: of for key, of in columns.items() if key != column and of.dtype.kind == "U"}
-            below = [each for each in self.files if each.path.is_relative_to(path.parent)] or list(self.files)
-            self._naming[path, column] = _rows_by_file(others, below)
-        named = self._naming[path, column]
-        if named:
-            found = next((named[text] for text in _names_of(file) if text in named), None)
-            if found is None:
-                raise InputError(f"{name} has no row for this file.")
-            return str(columns[column][found[0]]) if len(found) == 1 else columns[column][found]
-        alone = len(self.files) == 1 and len(columns[column]) == rows
-        return columns[column] if alone else ByOrder(columns[column], name)
+        return columns[column], {key: of for key, of in columns.items() if key != column and of.dtype.kind == "U"}
 
     def _place(self, name: str, file: SourceFile) -> Path:
         folders = [file.path.parent, *self.folders]
         path = next((there for folder in folders if (there := folder / name).is_file()), None)
         if path is None:
             places = ", ".join(dict.fromkeys(str(folder) for folder in folders))
-            raise InputError(f"{name}: no such table of labels; looked in {places}.")
+            raise InputError(f"{name}: no such table; looked in {places}.")
         return path
 
-    def columns(self, name: str, file: SourceFile) -> Mapping[str, NDArray[Any]]:
-        """Columns of a table, or the arrays of one axis of a file, that stands beside a file or in another folder.
-
-        Raises:
-            InputError: It is in none of them, or damaged.
-        """
-        path = self._place(name, file)
+    def _columns(self, path: Path) -> Mapping[str, NDArray[Any]]:
+        """Columns of a table, or the arrays of one axis of a file."""
         if path not in self._known:
             contents = open_contents(path, self.how)
             values = contents.read(list(contents.variables))[0]
@@ -148,7 +157,12 @@ def _names_of(file: SourceFile) -> tuple[str, ...]:
     return file.below, free, file.path.name, free.rpartition("/")[2]
 
 
-def _rows_by_file(columns: Mapping[str, NDArray[Any]], files: Sequence[SourceFile]) -> dict[str, list[int]]:
+def rows_of(file: SourceFile, named: Mapping[str, list[int]]) -> list[int]:
+    """Rows of a file among those by name, empty if it has none."""
+    return next((named[text] for text in _names_of(file) if text in named), [])
+
+
+def rows_by_file(columns: Mapping[str, NDArray[Any]], files: Sequence[SourceFile]) -> dict[str, list[int]]:
     """Rows by the name of their file, from the column that names most files; empty where none does.
 
     A column of plain numbers names files only if it names all of several, each once: it may count something else.
@@ -185,8 +199,13 @@ def _rows_by_file(columns: Mapping[str, NDArray[Any]], files: Sequence[SourceFil
 
 def needed(sources: Sequence[LabelSource], fields: dict[str, str], contents: Contents) -> list[str]:
     """Variables of a file that hold labels."""
-    names = [filled(each.name, fields) for each in sources if each.kind in ("column", "date")]
-    return [contents.named(name) for name in names if name not in contents.attributes]
+    found = []
+    for source in sources:
+        name = filled(source.name, fields)
+        if source.kind in ("column", "date") and name not in contents.attributes:
+            with naming(option(source.key)):
+                found.append(contents.named(name))
+    return found
 
 
 def label_of(
@@ -200,26 +219,32 @@ def label_of(
     """A label of the taps or rows of a file, of which there are so many.
 
     Raises:
-        InputError: It is nowhere, or differs in shape between rows.
+        InputError: It is nowhere, or differs in shape between rows; the message names the key.
     """
-    fields = file.fields
-    if source.kind == "constant":
-        return source.name
-    if source.kind == "field":
-        return fields[source.name]
-    if source.kind == "table":
-        return tables.label(source, file, rows)
-    if source.kind in ("file", "gap"):
-        return file.below
-    name = filled(source.name, fields)
+    with naming(option(source.key)):
+        match source.kind:
+            case "constant":
+                return source.name
+            case "field":
+                return file.fields[source.name]
+            case "table":
+                return tables.label(source, file, rows)
+            case "file" | "gap":
+                return file.below
+            case _:
+                return _in_file(filled(source.name, file.fields), contents, values)
+
+
+def _in_file(name: str, contents: Contents, values: Mapping[str, Values]) -> Label:
+    """An attribute, or the values of a column or array."""
     if name in contents.attributes and name not in contents.variables:
         return contents.attributes[name]
     found = values[contents.named(name)]
     if isinstance(found, list):
-        raise InputError(f"{source.key}: {name} has elements of different shapes, so it holds no labels.")
+        raise InputError(f"{name} has elements of different shapes, so it holds no labels.")
     found = found.reshape(-1) if found.size == max(found.shape, default=1) else found
     if found.ndim > 1:
-        raise InputError(f"{source.key}: {name} has shape {found.shape}, expected one value for each tap.")
+        raise InputError(f"{name} has shape {found.shape}, expected one value for each tap.")
     return found if found.size != 1 else found.reshape(-1)[0].item()
 
 
@@ -237,10 +262,12 @@ _LENGTHS_AND_ANGLES = {"m", "cm", "mm", "um", "µm", "μm", "nm", "in", "deg", "
 
 @cache
 def _as_number(text: str) -> tuple[float, str] | None:
+    """A finite number and its unit; `None` for another text."""
     try:
-        return float(text), ""
+        number = float(text) if "_" not in text else np.nan  # Python takes 1_000 for a number
     except ValueError:
         return number_in(text)
+    return (number, "") if np.isfinite(number) else number_in(text)
 
 
 def as_numbers(
@@ -254,16 +281,21 @@ def as_numbers(
         place: Where one of them stands.
 
     Raises:
-        InputError: One holds no number, or more than one, or they have different units of length or angle.
+        InputError: One holds no number, or more than one, or one with a comma that may mean two things, or they have
+            different units of length or angle.
     """
-    if values.dtype.kind in "fiub":
+    if values.dtype.kind in "fiub" and np.isfinite(values).all():
         return values.astype(np.float64), ""
-    found = [_as_number(text) for text in as_texts(values)]
-    for number, (text, each) in enumerate(zip(as_texts(values), found, strict=True)):
-        if each is None:
-            raise InputError(f"{key} (--{key}): {text!r} of {place(number)} is not one number.")
-    units = {each[1] for each in found if each is not None}
+    numbers, units = np.empty(len(values)), set[str]()
+    for number, text in enumerate(as_texts(values)):
+        found = _as_number(text)
+        if found is None:
+            why = "is not one number"
+            if unclear_comma(text):
+                why = "has a comma that may be a decimal mark or separate thousands; write a point, or no comma"
+            raise InputError(f"{option(key)}: {text!r} of {place(number)} {why}.")
+        numbers[number] = found[0]
+        units.add(found[1])
     if len(known := sorted(units & _LENGTHS_AND_ANGLES)) > 1:
-        raise InputError(f"{key} (--{key}): units differ, {' and '.join(known)}.")
-    numbers = np.array([each[0] for each in found if each is not None])
+        raise InputError(f"{option(key)}: units differ, {' and '.join(known)}.")
     return numbers, units.pop() if len(units) == 1 else ""

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from ...errors import InputError, check_path, printable
 from ..untrusted import in_bytes
 from .assemble import read_mapped
-from .files import SourceFile, names_below, source_files
+from .files import SourceFile, is_folder, kinds_of, names_below, source_files
 from .formats.contents import Contents, Variable
-from .formats.registry import ENDINGS, ending, open_contents
+from .formats.registry import ending, open_contents
 from .guess import Guess, array_guesses, column_guesses, name_pattern
 from .mapping import TapMap
 
@@ -67,7 +67,7 @@ def look(sources: Sequence[str | Path], how: TapMap) -> str:
 
 def _files(path: Path) -> Iterator[str]:
     """How many files of which endings, and some names."""
-    if path.is_file() or ending(path.name) in ENDINGS:
+    if not is_folder(path):
         yield f"{path}: a file of {_bytes(path)}."
         return
     names = names_below(path)
@@ -86,15 +86,10 @@ def _kind(paths: Sequence[Path]) -> str | None:
     """Ending of most files of a known kind below folders; `None` without folders.
 
     Raises:
-        InputError: There is no such file.
+        InputError: There is no such file in one of them.
     """
-    folders = [path for path in paths if path.is_dir() and ending(path.name) not in ENDINGS]
-    if not folders:
-        return None
-    kinds = Counter(ending(name) for path in folders for name in names_below(path) if ending(name) in ENDINGS)
-    if not kinds:
-        raise InputError(f"{folders[0]}: no file of a known kind in this folder ({', '.join(sorted(ENDINGS))}).")
-    return kinds.most_common(1)[0][0]
+    kinds = sum((kinds_of(path, names_below(path)) for path in paths if is_folder(path)), Counter[str]())
+    return kinds.most_common(1)[0][0] if kinds else None
 
 
 def _read(contents: Contents) -> dict[str, NDArray[Any]]:

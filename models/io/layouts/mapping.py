@@ -17,17 +17,31 @@ from .formats.contents import TextTable
 type Format = Literal["text", "npy", "npz", "mat", "hdf5", "netcdf", "zarr", "parquet", "arrow", "jsonl", "mcap"]
 type TimeUnit = Literal["s", "ms", "us", "ns"]
 type Trigger = Literal["clock", "contact", "signal", "events"]
+type Useless = Literal["dead", "saturated"]
 type Length = Literal["shortest", "longest"] | Annotated[int, Meta(ge=1, le=10**9)]
-type Names = str | tuple[str, ...]
+type Names = Annotated[str | tuple[str, ...], wanted("a name or a list of names")]
 
 AXES = ("tap", "sample", "taxel", "what", "where", "session", "trial")
 LABELS = ("what", "where", "session", "trial")
 CUTTING = ("trigger", "level", "window", "pre", "tare", "tare_samples", "highpass", "resample", "leave_out")
+_CUTTING_ALONE = ("window", "tare", "tare_samples", "highpass", "signal", "events")
 ORIGIN = ("sensor", "source", "licence", "citation")
 PLANE = ("x", "y", "angle")
 """What a position in a plane consists of; the angle may be left out."""
 _Positive = Annotated[float, wanted("a positive number", gt=0, le=1e12)]
-_Factor = Annotated[float, Meta(ge=-1e12, le=1e12)]
+_Number = Annotated[float, wanted("a number", ge=-1e12, le=1e12)]
+_Count = Annotated[int, wanted("a number of samples", ge=0, le=10**9)]
+
+
+def option(key: str) -> str:
+    """A key of the map and its option, for messages; of an axis of a plane or a further array those of its list.
+
+    >>> option("what_value"), option("x"), option("temperature")
+    ('what_value (--what-value)', 'where (--where) x', 'extra (--extra) temperature')
+    """
+    if key in TapMap.__struct_fields__:
+        return f"{key} (--{key.replace('_', '-')})"
+    return f"where (--where) {key}" if key in PLANE else f"extra (--extra) {key}"
 
 
 class TapMap(Checked, frozen=True, kw_only=True):
@@ -109,41 +123,49 @@ class TapMap(Checked, frozen=True, kw_only=True):
     session: str | None = None
     trial: str | None = None
     what_names: Names | None = None
-    where_values: str | tuple[float, ...] | None = None
+    where_values: Annotated[str | tuple[float, ...], wanted("a list of positions, or their array")] | None = None
     one_based: bool = False
     what_value: str | None = None
     what_unit: str | None = None
     where_unit: str | None = None
-    where_scale: Annotated[_Factor, wanted("a number")] = 1.0
+    where_scale: _Number = 1.0
     where_round: _Positive | None = None
     units: str | None = None
-    scale: Annotated[_Factor, wanted("a number")] = 1.0
-    extra: Annotated[tuple[str, ...], wanted("names of columns or arrays")] = ()
+    scale: _Number = 1.0
+    extra: Names = ()
     length: Annotated[Length | None, wanted("shortest, longest or a number of samples")] = None
     align: Annotated[Literal["contact", "peak"] | None, wanted("contact or peak")] = None
     resample: _Positive | None = None
-    leave_out: Annotated[tuple[Literal["dead", "saturated"], ...], wanted("dead or saturated")] = ()
+    leave_out: Annotated[Useless | tuple[Useless, ...], wanted("dead, saturated or both")] = ()
     trigger: Annotated[Trigger | None, wanted("clock, contact, signal or events")] = None
     signal: str | None = None
     events: str | None = None
-    level: float | None = None
-    window: int | None = None
-    pre: int | None = None
+    level: _Number | None = None
+    window: _Count | None = None
+    pre: _Count | None = None
     tare: Annotated[Literal["none", "stream", "tap"] | None, wanted("none, stream or tap")] = None
-    tare_samples: int | None = None
-    highpass: float | None = None
+    tare_samples: _Count | None = None
+    highpass: Annotated[float, wanted("a number of at least 0", ge=0, le=1e12)] | None = None
     sensor: str | None = None
     source: str | None = None
     licence: str | None = None
     citation: str | None = None
 
     def __post_init__(self) -> None:
-        """Checks every value; a list of one position is that one."""
+        """Checks every value; a list of one position is that one, and one further array or kind of taxels a list."""
         super().__post_init__()
         if isinstance(self.where, tuple) and len(self.where) == 1:
             force_setattr(self, "where", self.where[0])
-        if isinstance(self.where, tuple) and len(self.where) > len(PLANE):
+        if isinstance(self.where, tuple) and not 0 < len(self.where) <= len(PLANE):
             raise SettingError("where", f"must be one source, or x, y and an angle, got {len(self.where)}.")
+        for key in ("extra", "leave_out"):
+            if isinstance(one := getattr(self, key), str):
+                force_setattr(self, key, (one,))
+        if taken := [name for name in self.extra if name in (*LABELS, *PLANE, "what_value")]:
+            raise SettingError("extra", f"must not be {taken[0]}, which is a label; of a column say column:{taken[0]}.")
+        for key in ("scale", "where_scale"):
+            if not getattr(self, key):
+                raise SettingError(key, "must not be 0.")
 
     @property
     def text_table(self) -> TextTable:
@@ -179,6 +201,33 @@ class TapMap(Checked, frozen=True, kw_only=True):
         told = {"units", "what_unit", "where_unit", "rate", *CUTTING, *ORIGIN}
         default = type(self)()
         return any(getattr(self, name) != getattr(default, name) for name in self.__struct_fields__ if name not in told)
+
+
+def check_cutting(how: TapMap) -> None:
+    """Checks that the keys that cut streams go together.
+
+    Raises:
+        InputError: One requires another; the message names both.
+    """
+    cut, tare, window = how.trigger, how.tare in ("stream", "tap"), how.window or 0
+    pressed = cut in ("contact", "signal", "events")
+    alone = [key for key in _CUTTING_ALONE if cut is None and getattr(how, key) is not None]
+    rules = [
+        *((key, True, f"{option('trigger')}, such as contact") for key in alone),
+        ("trigger", cut is not None and not window, f"{option('window')}, the number of samples of a tap"),
+        ("trigger", cut == "contact" and not how.level, f"{option('level')}, the value that counts as contact"),
+        ("align", how.align == "contact" and not how.level, f"{option('level')}, the value that counts as contact"),
+        ("trigger", cut in ("signal", "events") and not getattr(how, cut), f"{option(cut or '')}, where presses are"),
+        ("level", how.level and "contact" not in (cut, how.align), f"{option('trigger')} or {option('align')} contact"),
+        ("pre", how.pre and not pressed and not how.align, f"a press, by {option('trigger')} or {option('align')}"),
+        ("pre", how.pre and cut and how.pre >= window, f"a larger {option('window')}"),
+        ("tare", tare and not how.tare_samples, f"{option('tare_samples')}, the number of samples to average"),
+        ("tare_samples", how.tare_samples and not tare, f"{option('tare')} stream or tap"),
+        ("tare_samples", how.tare == "tap" and (how.tare_samples or 0) > window, f"a larger {option('window')}"),
+    ]
+    for key, wrong, needed in rules:
+        if wrong:
+            raise InputError(f"{option(key)} {getattr(how, key)} requires {needed}.")
 
 
 def load_map(path: str | Path) -> TapMap:

@@ -12,6 +12,8 @@ _NUMBER = r"[^\W\d_]*[-+]?\d+(?:[.,]\d+)?[^\W\d_]*"
 FIELDS = ("what", "where", "session", "trial", "tap", "sample", "taxel", "x", "y", "angle")
 _NUMBERS = {"where", "trial", "tap", "sample", "taxel", "x", "y", "angle"}
 _IN_TEXT = re.compile(r"((?:(?<![^\W_])[-+])?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?) ?([^\W\d_]*)")
+_IN_THOUSANDS = re.compile(r"(?<![\d.,])[1-9]\d{0,2}(?:(?:,\d{3}){2,}(?![\d,])|,\d{3}(?=\.\d))")
+_UNCLEAR = re.compile(r"(?<![\d.,])[1-9]\d{0,2},\d{3}(?!\d|[.,]\d)")
 _TEMPLATE = re.compile(r"\{(\w+)\}")
 
 
@@ -71,10 +73,20 @@ def natural(text: str) -> list[tuple[int, int, str]]:
 
 
 def number_in(text: str) -> tuple[float, str] | None:
-    """The only number in a text and the letters after it; `None` otherwise.
+    """The only number in a text and the letters after it; `None` otherwise, or where a comma may mean two things.
 
-    >>> number_in("pos_-1.5mm"), number_in("trial-03"), number_in("2 of 3")
-    ((-1.5, 'mm'), (3.0, ''), None)
+    A comma between digits is a decimal mark, or separates thousands where there are two or a point follows.
+
+    >>> number_in("pos_-1.5mm"), number_in("1,5"), number_in("1,000.5"), number_in("trial-03"), number_in("2 of 3")
+    ((-1.5, 'mm'), (1.5, ''), (1000.5, ''), (3.0, ''), None)
     """
-    found = _IN_TEXT.findall(re.sub(r"(?<=\d),(?=\d)", ".", text))
+    if unclear_comma(text):
+        return None
+    whole = _IN_THOUSANDS.sub(lambda found: found[0].replace(",", ""), text)
+    found = _IN_TEXT.findall(re.sub(r"(?<=\d),(?=\d)", ".", whole))
     return (float(found[0][0]), found[0][1]) if len(found) == 1 else None
+
+
+def unclear_comma(text: str) -> bool:
+    """Whether a text holds a number such as `1,250`, which is 1.25 with a decimal comma and else 1250."""
+    return _UNCLEAR.search(text) is not None

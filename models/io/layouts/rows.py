@@ -8,14 +8,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...cutting.presses import numbers_or_truths
 from ...errors import InputError
 from ..recording import runs
 from .formats.text_header import MISSING
 from .labels import Label, as_known, as_numbers, as_texts
-from .mapping import LABELS, TapMap
+from .mapping import LABELS, TapMap, option
 
-_CONDITION = re.compile(r"(.+?)(!=|=|<|>)(.*)")
-_COMPARED = {"=": operator.eq, "!=": operator.ne, "<": operator.lt, ">": operator.gt}
+_CONDITION = re.compile(r"(.+?)(!=|==|<=|>=|=|<|>)(.*)")
+_EQUAL = {"=": operator.eq, "==": operator.eq, "!=": operator.ne}
+_COMPARED = _EQUAL | {"<": operator.lt, ">": operator.gt, "<=": operator.le, ">=": operator.ge}
 
 
 def tap_column(how: TapMap) -> str | None:
@@ -47,15 +49,12 @@ def kept(how: TapMap, column: NDArray[Any], rows: int) -> NDArray[np.bool_]:
         raise InputError(f"keep (--keep): {name} has shape {column.shape}, expected one value for each of {rows} rows.")
     column = as_known(column)
     if not comparison:
-        if column.dtype.kind == "U":
-            raise InputError(f"keep (--keep): {name} holds texts such as {column[0]!r}; compare it, as in {name}=1.")
-        return (column != 0) & ~_missing(column)
+        truths = numbers_or_truths(column, f"keep (--keep) {name}")
+        return (truths != 0) & ~np.isnan(truths)
     if column.dtype.kind == "U":
-        if comparison not in ("=", "!="):
-            raise InputError(
-                f"keep (--keep): {name} holds texts such as {column[0]!r}, which {comparison} cannot compare."
-            )
-        return (column == wanted) == (comparison == "=")
+        if comparison not in _EQUAL:
+            raise InputError(f"keep (--keep): {name} holds texts such as {str(column[0])!r}, which have no order.")
+        return _EQUAL[comparison](column, wanted)
     try:
         number = float(wanted)
     except ValueError:
@@ -141,9 +140,10 @@ def check_numbers(
     for start, *each in zip(starts.tolist(), *changing, strict=True):
         key = tuple(each)
         if key in seen:
+            again = as_texts(number[start : start + 1])[0]
             raise InputError(
-                f"{place(start)}: tap {as_texts(number[start : start + 1])[0]} starts again after another tap; rows of "
-                "a tap must follow one another; if the column counts within taps, say tap = 'restart:COLUMN'."
+                f"{place(start)}: tap (--tap) {how.tap!r} is {again} again after another tap; rows of a tap must "
+                "follow one another; of a column that counts within taps say restart:COLUMN."
             )
         seen.add(key)
 
@@ -158,10 +158,10 @@ def _changing(labels: Mapping[str, Label], rows: int) -> list[NDArray[Any]]:
 
 def _before(ends: NDArray[Any], rows: int, tap: str) -> NDArray[np.intp]:
     """First rows from ends, which are not part of their taps."""
-    bounds = np.concatenate([[0], ends.astype(np.intp).reshape(-1)])
-    if (np.diff(bounds) <= 0).any() or bounds[-1] != rows:
-        raise InputError(f"tap (--tap) {tap!r}: its numbers must rise to the {rows} rows, and end there.")
-    return bounds[:-1]
+    bounds = np.append(0, as_numbers("tap", ends.reshape(-1), "entry {}".format)[0])
+    if (bounds != np.round(bounds)).any() or (np.diff(bounds) <= 0).any() or bounds[-1] != rows:
+        raise InputError(f"tap (--tap) {tap!r}: its whole numbers must rise to the {rows} rows, and end there.")
+    return bounds[:-1].astype(np.intp)
 
 
 def check_labels(
@@ -176,12 +176,11 @@ def check_labels(
         if not isinstance(values, np.ndarray):
             continue
         if len(values) != rows:
-            raise InputError(f"{key} (--{key}) has {len(values)} values for {rows} rows.")
+            raise InputError(f"{option(key)} has {len(values)} values for {rows} rows.")
         if starts is not None:
             changes = np.setdiff1d(np.flatnonzero(values[1:] != values[:-1]) + 1, starts)
             missing = (values[changes] != values[changes]) & (values[changes - 1] != values[changes - 1])
             bad = changes[~missing]
             if len(bad):
-                raise InputError(
-                    f"{place(int(bad[0]))}: {key} changes within a tap from {values[bad[0] - 1]} to {values[bad[0]]}."
-                )
+                before, after = as_texts(values[bad[0] - 1 : bad[0] + 1])
+                raise InputError(f"{place(int(bad[0]))}: {option(key)} changes within a tap from {before} to {after}.")

@@ -8,10 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
-from ..recording import check_real
+from ..recording import check_real, naming
 from .formats.contents import Values
+from .mapping import option
 
-_ROLES = ("tap", "sample", "taxel")
+_FRAMES = ("sample", "taxel")
+_ROLES = ("tap", *_FRAMES)
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,8 +42,14 @@ class Signal:
         return Signal(samples[mask], index)
 
     def with_taxels(self, chosen: slice) -> "Signal":
-        """These taxels alone."""
+        """These taxels alone.
+
+        Raises:
+            InputError: There are none.
+        """
         samples = self.samples
+        if len(samples) and not range(samples[0].shape[-1])[chosen]:
+            raise InputError(f"{option('taxels')} chooses none of {samples[0].shape[-1]} taxels.")
         some = [each[..., chosen] for each in samples] if isinstance(samples, list) else samples[..., chosen]
         return Signal(some, self.axis_index)
 
@@ -63,26 +71,18 @@ def arranged(values: Values, axes: Sequence[str] | None, name: str, frames: bool
     if len(axes) != rank:
         there = f"{len(values)} elements" if isinstance(values, list) else f"shape {values.shape}"
         raise InputError(f"{name} has {_axes(rank)} ({there}), but axes (--axes) has {len(axes)}: {', '.join(axes)}.")
-    if not isinstance(values, list):
+    with naming(option("taps")):
+        if isinstance(values, list):
+            return _of_elements(values, axes, name)
         check_real(name, values)
-        return _of_array(values, axes)
-    if axes[0] in ("sample", "taxel"):
-        raise InputError(f"{name}: its elements differ in shape, so the first of axes (--axes) must be tap.")
-    if not set(axes[1:]) <= {"sample", "taxel"}:
-        raise InputError(f"{name}: its elements differ in shape, so only the first axis can be {axes[0]}.")
-    for number, each in enumerate(values):
-        if each.ndim != rank - 1:
-            raise InputError(f"{name}: element {number} has {each.ndim} axes, others {rank - 1}.")
-        check_real(f"{name}[{number}]", each)
-    taps = [np.asarray(_in_order(each, axes[1:], ("sample", "taxel"))) for each in values]
-    return Signal(taps, {} if axes[0] == "tap" else {axes[0]: np.arange(len(values))})
+    return _of_array(values, axes)
 
 
 def _default_axes(rank: int, name: str, frames: bool) -> tuple[str, ...]:
     if rank == len(_ROLES):
         return _ROLES
     if rank == 2 and frames:
-        return "sample", "taxel"
+        return _FRAMES
     if rank == 2:
         raise InputError(
             f"{name} has two axes: say which with axes (--axes), tap,sample or tap,taxel; if they are sample,taxel, "
@@ -95,17 +95,32 @@ def _axes(number: int) -> str:
     return f"{number} {'axis' if number == 1 else 'axes'}"
 
 
+def _of_elements(values: list[NDArray[Any]], axes: Sequence[str], name: str) -> Signal:
+    """Taps that differ in shape, or one axis of labels whose elements do."""
+    first, *rest = axes
+    if first in _FRAMES or not set(rest) <= set(_FRAMES):
+        raise InputError(
+            f"{name}: its elements differ in shape, so axes (--axes) must be tap or a label, and then sample and taxel."
+        )
+    for number, each in enumerate(values):
+        if each.ndim != len(rest):
+            raise InputError(f"{name}: element {number} has {_axes(each.ndim)}, others {len(rest)}.")
+        check_real(f"{name}[{number}]", each)
+    taps = [_in_order(each, rest, _FRAMES) for each in values]
+    return Signal(taps, {} if first == "tap" else {first: np.arange(len(values))})
+
+
 def _of_array(values: NDArray[Any], axes: Sequence[str]) -> Signal:
-    labels = [axis for axis in axes if axis not in ("sample", "taxel")]
+    labels = [axis for axis in axes if axis not in _FRAMES]
     if not labels:
-        return Signal(_in_order(values, axes, ("sample", "taxel")))
+        return Signal(_in_order(values, axes, _FRAMES))
     index = np.indices([values.shape[axes.index(axis)] for axis in labels]).reshape(len(labels), -1)
     found: dict[str, NDArray[np.intp]] = {}
     for axis, along in zip(labels, index, strict=True):
         if axis in found:
             raise InputError(f"axes (--axes) has {axis} twice; only sample and taxel may be repeated.")
         found[axis] = along
-    merged = [axis if axis in ("sample", "taxel") else "tap" for axis in axes]
+    merged = [axis if axis in _FRAMES else "tap" for axis in axes]
     found.pop("tap", None)
     return Signal(_in_order(values, merged, _ROLES), found)
 
@@ -128,7 +143,7 @@ def side_by_side(signals: Sequence[Signal], names: Sequence[str]) -> Signal:
     first = signals[0]
     for signal, name in zip(signals[1:], names[1:], strict=True):
         if _lengths(signal) != _lengths(first):
-            raise InputError(f"{name} and {names[0]} differ in their numbers of taps or samples.")
+            raise InputError(f"{option('taps')}: {names[0]} and {name} differ in their numbers of taps or samples.")
     if len(signals) == 1:
         return first
     samples = [signal.samples for signal in signals]

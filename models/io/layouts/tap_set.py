@@ -1,6 +1,7 @@
 """A tap set from files of any layout, by a map: read, resampled, cut and freed of useless taxels."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,16 +12,18 @@ from numpy.typing import NDArray
 from ...blocks import over_blocks
 from ...cutting.presses import Presses, presses_of_column, presses_of_events
 from ...cutting.resampling import resampled_taps
-from ...cutting.taxels import UsableTaxels, usable_taxels, with_taxels
+from ...cutting.taxels import UsableTaxels, dead_taxels, usable_taxels, with_taxels
 from ...errors import InputError
 from ...preprocessing import Preprocessing
 from ...settings import Missing
 from ...taps import TapSet
-from ..recording import Recording
+from ..joining import relabel
+from ..recording import Recording, naming
 from ..streams import segment, stream_starts
 from .assemble import Mapped, read_mapped
-from .labels import as_known, as_numbers, label_source
-from .mapping import TapMap, load_map
+from .files import SourceFile
+from .labels import as_known, as_numbers, label_source, rows_by_file, rows_of
+from .mapping import TapMap, check_cutting, load_map, option
 
 
 class MappedTaps(NamedTuple):
@@ -65,20 +68,20 @@ def load_mapped(
     """
     if not isinstance(how, TapMap):
         how, folder = load_map(how), Path(how).parent if folder is None else folder
+    check_cutting(how)
     paths = [sources] if isinstance(sources, str | Path) else list(sources)
     mapped = read_mapped(paths, how, missing, folder)
-    if how.trigger is None:
-        taps, told = _cut_already(mapped, how), mapped.left_out
-        left_out = _useless(taps, how)
-        if left_out is not None:
-            taps, told = with_taxels(taps, left_out.used), (*told, left_out.sentence())
-    else:
+    if how.trigger is not None:
         taps, told = cut_streams(mapped.recording, how, _presses(mapped, how))
-    return MappedTaps(_with_origin(taps, how), tuple(filter(None, told)))
+    else:
+        taps, told = _cut_already(mapped, how), mapped.left_out
+        if (useless := _useless(taps, how)) is not None:
+            taps, told = with_taxels(taps, useless.used), (*told, useless.sentence())
+    return MappedTaps(relabel(taps, what_unit=how.what_unit, citation=how.citation), told)
 
 
 def cut_streams(recording: Recording, how: TapMap, presses: Presses | None = None) -> tuple[TapSet, tuple[str, ...]]:
-    """Taps cut from streams as the map says, and what was lost, one sentence each.
+    """Taps cut from streams as the map says, and what was cut and lost, one sentence each.
 
     Raises:
         InputError: No tap was found, or settings contradict each other.
@@ -91,21 +94,18 @@ def cut_streams(recording: Recording, how: TapMap, presses: Presses | None = Non
     cut = segment(recording, record, presses)
     useless = _useless(cut.taps, how)
     if useless is not None:
-        used = [k for k in range(recording.samples.shape[1]) if record.taxels is None or k in record.taxels]
+        used = range(recording.samples.shape[1]) if record.taxels is None else record.taxels
         told = (*told, useless.sentence([str(k) for k in used]))
         cut = segment(recording, replace(record, taxels=tuple(used[k] for k in useless.used)), presses)
-    first = f"{len(cut.taps)} taps from {cut.streams} stream{'s' * (cut.streams != 1)}."
-    return cut.taps, (first, *cut.lost, *told)
+    return cut.taps, (*cut.told, *told)
 
 
 def _record(recording: Recording, how: TapMap) -> Preprocessing:
     """How frames become taps."""
-    rate = recording.rate_hz if how.rate is None else how.rate
-    if how.resample is not None and rate is None:
-        raise InputError("resample (--resample) needs the rate of the recording: time (--time) or rate (--rate).")
+    rate = _rate(recording, how)
     values: dict[str, Any] = {
         "samples": how.window,
-        "rate_hz": rate if how.resample is None else how.resample,
+        "rate_hz": how.resample or rate,
         "tare": how.tare or "none",
         "tare_samples": how.tare_samples or 0,
         "highpass_hz": how.highpass or 0.0,
@@ -114,38 +114,49 @@ def _record(recording: Recording, how: TapMap) -> Preprocessing:
         "pre_samples": how.pre or 0,
         "sensor_hz": None if how.resample is None else rate,
     }
-    return Preprocessing(**values)
+    rates = [option(key) for key in ("resample", "highpass") if getattr(how, key)]
+    with naming(", ".join(rates)) if rates else nullcontext():
+        return Preprocessing(**values)
+
+
+def _rate(recording: Recording, how: TapMap) -> float | None:
+    """Rate of the recording in hertz, which filters need."""
+    rate = recording.rate_hz if how.rate is None else how.rate
+    for key in ("resample", "highpass"):
+        if getattr(how, key) and rate is None:
+            raise InputError(f"{option(key)} requires the rate of the recording: {option('time')} or {option('rate')}.")
+    return rate
 
 
 def _presses(mapped: Mapped, how: TapMap) -> Presses | None:
     """Where presses begin, if a signal or events tell."""
     recording = mapped.recording
     if how.trigger == "signal":
-        return presses_of_column(np.asarray(mapped.rises), stream_starts(recording), f"signal (--signal) {how.signal}")
+        name = f"{option('signal')} {how.signal}"
+        if mapped.rises is not None and mapped.rises.shape != (frames := len(recording.samples),):
+            raise InputError(f"{name}: has shape {mapped.rises.shape}, expected one value for each of {frames} frames.")
+        return presses_of_column(np.asarray(mapped.rises), stream_starts(recording), name)
     if how.trigger != "events":
         return None
-    source = label_source("events", how.events or "")
-    if source.kind != "table" or recording.file is None:
-        raise InputError(f"events (--events) must be TABLE.csv:COLUMN, a table of times, got {how.events!r}.")
-    columns = mapped.tables.columns(source.name, mapped.files[0])
-    column = source.column or next(iter(columns))
-    if column not in columns:
-        raise InputError(f"{source.name}: no column {column!r}; columns: {', '.join(columns)[:200]}.")
-    at, _ = as_numbers("events", as_known(columns[column]))
-    of = _files_of_events(columns, mapped)
-    return presses_of_events(
-        at, "frames" if recording.time is None else "s", recording.file, time=recording.time, of=of
-    )
+    with naming(option("events")):
+        source = label_source("events", how.events or "")
+        if source.kind != "table" or recording.file is None:
+            raise InputError(f"must be TABLE.csv:COLUMN, a table of times for streams, got {how.events!r}.")
+        column, others = mapped.tables.column(source, mapped.files[0])
+        at, _ = as_numbers("events", as_known(column), "row {}".format)
+        of = _files_of_events(others, mapped.files, len(at))
+        return presses_of_events(at, recording.file, time=recording.time, of=of)
 
 
-def _files_of_events(columns: Any, mapped: Mapped) -> NDArray[np.intp] | None:
-    """Number of the file of each event, by the column that names files."""
-    known = {name: n for n, file in enumerate(mapped.files) for name in (file.below, file.path.name, file.path.stem)}
-    for texts in columns.values():
-        numbers = [known.get(str(text), -1) for text in texts.tolist()]
-        if max(numbers) >= 0:
-            return np.array(numbers, dtype=np.intp)
-    return None
+def _files_of_events(
+    columns: Mapping[str, NDArray[Any]], files: Sequence[SourceFile], events: int
+) -> NDArray[np.intp] | None:
+    """Number of the file of each event, -1 for that of none; `None` where no column names files."""
+    named = rows_by_file(columns, files)
+    of = np.full(events, -1)
+    for number, file in enumerate(files):
+        of[rows_of(file, named)] = number
+    return of if (of >= 0).any() else None
 
 
 def _cut_already(mapped: Mapped, how: TapMap) -> TapSet:
@@ -153,15 +164,15 @@ def _cut_already(mapped: Mapped, how: TapMap) -> TapSet:
     recording = mapped.recording
     if recording.is_stream:
         raise InputError(
-            f"{mapped.files[0].path}: holds streams: say what a tap is with tap (--tap), or cut taps with --trigger."
+            f"{mapped.files[0].path}: holds streams: say what a tap is with {option('tap')}, or cut taps with "
+            f"{option('trigger')}."
         )
-    samples, rate = recording.samples, recording.rate_hz
-    if how.resample is None:
+    samples, rate = recording.samples, _rate(recording, how)
+    if how.resample is None or rate is None:
         record = Preprocessing(samples=samples.shape[1], rate_hz=rate)
     else:
-        if rate is None:
-            raise InputError("resample (--resample) needs the rate of the recording: time (--time) or rate (--rate).")
-        samples = resampled_taps(samples, rate, how.resample)
+        with naming(option("resample")):
+            samples = resampled_taps(samples, rate, how.resample)
         record = Preprocessing(samples=samples.shape[1], rate_hz=how.resample, sensor_hz=rate)
     return recording.labels.tapset(samples, record, mapped.missing)
 
@@ -170,21 +181,14 @@ def _useless(taps: TapSet, how: TapMap) -> UsableTaxels | None:
     """Taxels to be left out, if any."""
     if not how.leave_out:
         return None
-    found = usable_taxels(taps, dead="dead" in how.leave_out, saturated="saturated" in how.leave_out)
+    with naming(option("leave_out")):
+        found = usable_taxels(taps, dead="dead" in how.leave_out, saturated="saturated" in how.leave_out)
     return found if found.dead or found.saturated else None
 
 
 def _dead(recording: Recording) -> UsableTaxels | None:
-    """Taxels of streams that have one value throughout, if some do and not all."""
-    ends = [(block.min(axis=0), block.max(axis=0)) for block in over_blocks(recording.samples, lambda block, _: block)]
-    low, high = np.min([low for low, _ in ends], axis=0), np.max([high for _, high in ends], axis=0)
-    dead = tuple(np.flatnonzero(low == high).tolist())
-    used = tuple(k for k in range(len(low)) if k not in dead)
+    """Taxels of streams that have one value throughout or none, if some do and not all."""
+    ends = over_blocks(recording.samples, lambda block, _: [np.fmin.reduce(block), np.fmax.reduce(block)])
+    dead = dead_taxels(np.array(list(ends)))
+    used = tuple(k for k in range(recording.samples.shape[1]) if k not in dead)
     return UsableTaxels(used, dead, ()) if dead and used else None
-
-
-def _with_origin(taps: TapSet, how: TapMap) -> TapSet:
-    """The taps with their citation."""
-    if how.citation is None:
-        return taps
-    return TapSet(taps.dataset.assign_attrs(citation=how.citation), taps.scanned)

@@ -23,7 +23,6 @@ def test_a_press_begins_where_the_signal_rises_above_half_of_its_range(kind):
     found = presses_of_column(SIGNALS[kind])
 
     assert found.row.tolist() == [1, 4]
-    assert found.event.tolist() == [0, 1]
     assert found.outside == 0
 
 
@@ -90,48 +89,45 @@ ONE = np.zeros(7, dtype=int)
 
 
 def test_an_event_is_at_the_first_frame_that_is_not_before_it():
-    found = presses_of_events([31.5, 9.5, 12.0, 12.1], "s", ONE, time=CLOCK)
+    found = presses_of_events([31.5, 9.5, 12.0, 12.1], ONE, time=CLOCK)
 
     assert found.row.tolist() == [0, 2, 3, 6]
-    assert found.event.tolist() == [1, 2, 3, 0]
     assert found.outside == 0
 
 
 @pytest.mark.parametrize("at", [8.9, 13.1, 20.0, 32.1, -1e9, 1e9])
 def test_events_before_after_and_between_streams_are_outside(at):
-    found = presses_of_events([11.0, at], "s", ONE, time=CLOCK)
+    found = presses_of_events([11.0, at], ONE, time=CLOCK)
 
     assert found.row.tolist() == [1]
     assert found.outside == 1
 
 
 def test_events_by_number_count_in_their_file():
-    found = presses_of_events([2, 0, 3, -1, 2], "frames", [0, 0, 0, 4, 4, 4, 4], of=[0, 4, 4, 0, 9])
+    found = presses_of_events([2, 0, 3, -1, 2], [0, 0, 0, 4, 4, 4, 4], of=[0, 4, 4, 0, 9])
 
     assert found.row.tolist() == [2, 3, 6]
-    assert found.event.tolist() == [0, 1, 2]
     assert found.outside == 2
 
 
 def test_events_by_time_find_their_file_where_clocks_do_not_overlap():
     file = [0, 0, 0, 0, 1, 1, 1]
 
-    assert presses_of_events([31.0, 11.0], "s", file, time=CLOCK).row.tolist() == [1, 5]
+    assert presses_of_events([31.0, 11.0], file, time=CLOCK).row.tolist() == [1, 5]
 
 
 @pytest.mark.parametrize(
-    ("events", "unit", "file", "time", "message"),
+    ("events", "file", "time", "message"),
     [
-        ([1.5], "frames", ONE, None, "numbers of frames must be whole"),
-        ([np.nan], "frames", ONE, None, "a list of finite numbers"),
-        ([[1.0]], "s", ONE, CLOCK, "a list of finite numbers"),
-        ([1.0], "s", ONE, None, "need the time of each frame"),
-        ([1.0], "frames", [0, 0, 1], None, "2 files; each event needs the file"),
-        ([1.0], "s", [0, 0, 1], [0.0, 1.0, 0.5], "2 files; each event needs the file"),
-        ([1.0], "s", [0, 1, 0], [0.0, 1.0, 2.0], "2 files; each event needs the file"),
-        ([1.0], "s", [0, 0, 0], [0.0, 1.0, 0.5], "times of frames must increase"),
+        ([1.5], ONE, None, "numbers of frames must be whole; those in seconds need the time of each frame"),
+        ([np.nan], ONE, None, "a list of finite numbers"),
+        ([[1.0]], ONE, CLOCK, "a list of finite numbers"),
+        ([1.0], [0, 0, 1], None, "2 files; each event needs the file"),
+        ([1.0], [0, 0, 1], [0.0, 1.0, 0.5], "2 files; each event needs the file"),
+        ([1.0], [0, 1, 0], [0.0, 1.0, 2.0], "2 files; each event needs the file"),
+        ([1.0], [0, 0, 0], [0.0, 1.0, 0.5], "times of frames must increase"),
     ],
 )
-def test_events_that_cannot_be_placed_are_refused(events, unit, file, time, message):
+def test_events_that_cannot_be_placed_are_refused(events, file, time, message):
     with pytest.raises(InputError, match=message):
-        presses_of_events(events, unit, file, time=time)
+        presses_of_events(events, file, time=time)

@@ -1,8 +1,8 @@
-"""Numbers of sessions by pauses, dates and names, and gaps in streams."""
+"""Numbers of sessions by pauses and dates, and gaps in streams."""
 
 import numpy as np
 import pytest
-from solidtouch.models.cutting.sessions import breaks, median_step, number_by_date, number_by_gap, number_by_name
+from solidtouch.models.cutting.sessions import breaks, median_step, number_by_date, number_by_gap
 from solidtouch.models.errors import InputError
 
 
@@ -53,15 +53,10 @@ def test_a_missing_date_is_refused():
         number_by_date(np.array(["NaT"], dtype="datetime64[D]"))
 
 
-def test_names_are_numbered_as_they_appear():
-    assert number_by_name(["b.csv", "b.csv", "a.csv", "c.csv", "a.csv"]).tolist() == [0, 0, 1, 2, 1]
-
-
 def test_a_gap_is_a_step_of_more_than_five_median_steps_or_back():
     time = np.cumsum([0.0, 1, 1, 5, 1, 5.01, 1, -1, 1, 1])
 
-    assert np.flatnonzero(breaks(time)).tolist() == [5, 7]
-    assert np.flatnonzero(breaks(time, steps=4.0)).tolist() == [3, 5, 7]
+    assert np.flatnonzero(breaks(time, np.zeros(10, dtype=bool))).tolist() == [5, 7]
 
 
 def test_where_streams_end_anyway_there_is_no_gap_and_no_step():

@@ -92,9 +92,9 @@ def test_a_table_of_positions_survives_where_given():
         (
             [(0, 0, pulses([]))],
             CONTACT,
-            "no tap found in 1 streams: the level is 2 and the values as stored span 0 to 0",
+            "no tap found in 1 stream: the level is 2 and the values as stored span 0 to 0",
         ),
-        ([(0, 0, pulses([28]))], CONTACT, "1 were cut short"),
+        ([(0, 0, pulses([28]))], CONTACT, "1 tap cut short"),
         ([(0, 0, pulses([3]))], Preprocessing(samples=4), "needs? a trigger|clock, contact or press trigger"),
     ],
 )
@@ -104,7 +104,7 @@ def test_nothing_to_cut_is_an_error_that_says_why(streams, record, message):
 
 
 def test_too_short_streams_say_how_long_a_tap_is():
-    with pytest.raises(InputError, match="no tap found in 1 streams: 1 were"):
+    with pytest.raises(InputError, match="no tap found in 1 stream: 1 tap"):
         segment(recording((0, 0, pulses([], 3))), Preprocessing(samples=4, trigger="clock"))
     held_back = Preprocessing(samples=4, tare="stream", tare_samples=9, trigger="clock")
     with pytest.raises(InputError, match="a tap takes 4 frames"):
@@ -143,37 +143,26 @@ def test_presses_cut_taps_with_the_labels_of_the_frame_behind_them():
 
     assert cut.taps.taps[:, :, 1].tolist() == [[0, 5, 5, 5]] * 3
     assert cut.taps.where.tolist() == [10 / 4, 20 / 4, 35 / 4]
-    assert cut.row.tolist() == [10, 20, 35]
-    assert cut.event.tolist() == [0, 1, 2]
     assert cut.taps.preprocessing == PRESS
-    assert cut.lost == ()
+    assert cut.told == ("3 taps from 2 streams.",)
 
 
 def test_what_presses_lost_is_told():
     """Cut short at either end, given up for the next one, outside, and streams that have none."""
     streams = recording((0, 0, pulses([10, 20])), (0, 1, pulses([5])))
-    presses = presses_of_events([0, 10, 12, 28, 99, 45.0], "frames", streams.file)
+    presses = presses_of_events([0, 10, 12, 28, 99, 45.0], streams.file)
     cut = segment(streams, PRESS, presses)
 
-    assert cut.row.tolist() == [12, 45]
-    assert cut.event.tolist() == [2, 5]
+    assert cut.taps.where.tolist() == [12 / 4, 45 / 4]
     assert (cut.incomplete, cut.overlapping, cut.outside) == (2, 1, 1)
-    assert cut.lost == (
-        "2 taps left out: cut short by the start or end of their stream.",
-        "1 tap left out: given up, as the next press came before its end.",
+    assert cut.told == (
+        "2 taps from 2 streams.",
+        "2 taps left out: cut short by the start or end of a stream.",
+        "1 tap left out: given up, as the next press came before the end.",
         "1 press left out: outside the streams.",
     )
-    one = segment(streams, PRESS, presses_of_events([10, 99, 98], "frames", streams.file)).lost
-    assert one == ("2 presses left out: outside the streams.", "No tap in the stream of session 0, b, 30 frames.")
-
-
-def test_taps_can_have_the_labels_of_their_events():
-    streams = recording((0, 0, pulses([10, 20])))
-    events = replace(streams.labels.take([0, 0, 0]), where=np.array([7.0, 8.0, 9.0]), what=np.array([1, 0, 1]))
-    cut = segment(streams, PRESS, presses_of_events([20, 0, 10], "frames", streams.file), labels=events)
-
-    assert cut.taps.where.tolist() == [9.0, 7.0]
-    assert cut.taps.what.tolist() == [1, 1]
+    _, *one = segment(streams, PRESS, presses_of_events([10, 99, 98], streams.file)).told
+    assert one == ["2 presses left out: outside the streams.", "No tap in the stream of session 0, b, 30 frames."]
 
 
 def test_streams_are_split_at_gaps_in_time():
@@ -186,9 +175,10 @@ def test_streams_are_split_at_gaps_in_time():
     cut = segment(streams, tare)
 
     assert (cut.streams, cut.gaps, cut.incomplete) == (2, 1, 2)
+    assert cut.told[0] == "4 taps from 2 streams, split at 1 gap in time."
     assert not cut.taps.taps.any()
     assert stream_starts(streams).tolist() == [0, 10]
-    assert segment(streams, tare, gap_steps=100.0).streams == 1
+    assert segment(replace(streams, time=None), tare).streams == 1
 
 
 def test_times_of_a_table_are_kept(tmp_path):
@@ -203,10 +193,9 @@ def test_times_of_a_table_are_kept(tmp_path):
 def test_a_tap_at_another_rate_has_the_labels_of_its_frame():
     streams = recording((0, 0, pulses([30], 90)))
     record = replace(PRESS, rate_hz=10.0, sensor_hz=20.0)
-    cut = segment(streams, record, presses_of_events([31], "frames", streams.file))
+    cut = segment(streams, record, presses_of_events([31], streams.file))
     (tap,) = TapCutter(replace(record, trigger="clock", pre_samples=0)).push(streams.samples)[3:4]
 
-    assert cut.row.tolist() == [31]
     assert cut.taps.where.tolist() == [31 / 4]
     np.testing.assert_array_equal(cut.taps.taps[0, :1], tap.samples[3:])
     assert cut.taps.dataset["time"].values.tolist() == [0.0, 0.1, 0.2, 0.3]
@@ -226,15 +215,15 @@ def test_a_stream_is_cut_in_parts_that_fit_into_memory(monkeypatch):
     [
         (PRESS, None, "trigger='press' was asked for, but no presses were given"),
         (CONTACT, [3], "trigger='contact' was asked for, but presses were given"),
-        (PRESS, [], "no tap found in 1 streams: there are no presses"),
-        (PRESS, [99, 98], "no tap found in 1 streams: all 2 presses are outside of them"),
-        (PRESS, [28], "no tap found in 1 streams: 1 were cut short"),
-        (PRESS, [27, 28], "1 were cut short by .* stream, and 1 given up for the next press"),
+        (PRESS, [], "no tap found in 1 stream: there are no presses"),
+        (PRESS, [99, 98], "no tap found in 1 stream: all presses are outside the streams"),
+        (PRESS, [28], "no tap found in 1 stream: 1 tap cut short"),
+        (PRESS, [27, 28], "1 tap cut short by .* stream, and 1 given up for the next press"),
     ],
 )
 def test_presses_that_give_no_tap_are_an_error_that_says_why(record, presses, message):
     streams = recording((0, 0, pulses([3])))
-    found = None if presses is None else presses_of_events(presses, "frames", streams.file)
+    found = None if presses is None else presses_of_events(presses, streams.file)
     with pytest.raises(InputError, match=message):
         segment(streams, record, found)
 

@@ -14,6 +14,7 @@ from . import objects
 from .columns import Part, gathered
 from .contents import Contents, TextTable, Values, Variable
 from .json_lines import decoded
+from .registry import ROS1
 
 _FIRST = 20  # messages of a topic that tell its fields
 _BYTES = 1 << 22  # of messages that are held at a time
@@ -174,6 +175,8 @@ def _decoder(channel: Channel, schema: Schema | None) -> Callable[[Message], obj
     encoding, written = channel.message_encoding, schema.encoding if schema else "none"
     if encoding == "json":
         return lambda message: decoded(message.data, lambda: "a message is ")
+    if encoding == "ros1":
+        return _refuses(ROS1)
     if (encoding, written) != ("cdr", "ros2msg"):
         return _refuses(f"messages of encoding {encoding or 'none'} with a schema of encoding {written or 'none'}")
     try:

@@ -1,6 +1,6 @@
 """Opens a file by the ending of its name or a format that was stated."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from importlib import import_module
 from pathlib import Path, PurePosixPath
 
@@ -42,11 +42,24 @@ _OPENERS = {
     "jsonl": ("json_lines", "open_json"),
     "mcap": ("mcap", "open_mcap"),
 }
+ROS1 = "messages of ROS 1 are not read; rosbags-convert --src IN.bag --dst OUT --dst-storage mcap makes those of ROS 2"
+_BAGS = {
+    ".bag": ROS1,
+    ".db3": "rosbag2 in SQLite is not read; ros2 bag convert -i IN -o OUT.yaml, with storage_id: mcap, or mcap convert "
+    "IN.db3 OUT.mcap makes an MCAP file of it",
+}
+"""What to do with files of robots that are not read, by their ending."""
 
 
 def ending(name: str) -> str:
     """Ending of a file's name, in small letters."""
     return PurePosixPath(name).suffix.lower()
+
+
+def unknown(path: Path, names: Iterable[str], otherwise: str) -> InputError:
+    """Refusal of a file, or of a folder with these files: how to convert them if they are bags of ROS."""
+    bags = (text for name in names if (text := _BAGS.get(ending(name.removesuffix(".zstd")))))
+    return InputError(f"{path}: {next(bags, otherwise)}.")
 
 
 def open_contents(path: Path, how: TextTable, kind: str | None = None) -> Contents:
@@ -62,7 +75,7 @@ def open_contents(path: Path, how: TextTable, kind: str | None = None) -> Conten
     """
     kind = kind or ENDINGS.get(ending(path.name))
     if kind is None:
-        raise InputError(f"{path}: unknown format; say which with format (--format): {', '.join(_OPENERS)}.")
+        raise unknown(path, [path.name], f"unknown format; say which with format (--format): {', '.join(_OPENERS)}")
     module, name = _OPENERS[kind]
     opener: Callable[[Path, TextTable], Contents] = getattr(import_module(f"{__package__}.{module}"), name)
     with naming(path):

@@ -16,7 +16,7 @@ def test_columns_in_another_order_are_the_same_taxels(tmp_path):
     tables = "t,s1,s2\n0,1,2\n", "s2,t,s1\n20,0,10\n"
     for taxels in ("s*", ("s1", "s2")):
         assert loaded(tmp_path, *tables, taxels=taxels).taps[:, 0].tolist() == [[1, 2], [10, 20]]
-    with pytest.raises(InputError, match=r"1\.csv: columns of taxels stand in another order"):
+    with pytest.raises(InputError, match=r"1\.csv: columns of taxels are in another order"):
         loaded(tmp_path, "s1,s2\n1,2\n", "s2,s1\n1,2\n", taxels="0:2")
 
 

@@ -40,7 +40,7 @@ def test_a_number_that_is_also_the_name_of_a_file_does_not_name_it(tmp_path):
 
 def test_a_file_without_a_row_is_refused(tmp_path):
     written(tmp_path, ["a.txt", "b.txt"])
-    with pytest.raises(InputError, match=r"b\.txt: labels\.csv has no row for this file"):
+    with pytest.raises(InputError, match=r"b\.txt: what \(--what\): labels\.csv has no row for this file"):
         found(tmp_path, "file,thing\na,cup\nc,rod\n")
 
 

@@ -39,7 +39,9 @@ def test_rows_that_are_not_kept_need_no_number(tmp_path):
 
 def test_two_taps_of_one_number_are_not_joined_where_what_is_between_is_not_kept(tmp_path):
     rows = [(1, "on", 1), (1, "on", 2), (0, "off", 3), (1, "on", 5), (1, "on", 6)]
-    assert "line 5: tap 1 starts again" in refused(tmp_path, rows, tap="count", keep="phase=on")
+    assert "line 5: tap (--tap) 'count' is 1 again after another tap" in refused(
+        tmp_path, rows, tap="count", keep="phase=on"
+    )
 
 
 def test_ends_count_all_rows(tmp_path):
@@ -48,3 +50,16 @@ def test_ends_count_all_rows(tmp_path):
         file["good"] = [1, 1, 0, 0, 0, 0, 0, 1, 1]
     how = TapMap(taps="a", tap="ends:ends", keep="good")
     assert load_mapped(tmp_path / "r.h5", how).taps.taps[..., 0].tolist() == [[0, 1], [7, 8]]
+
+
+def test_rows_are_kept_by_any_comparison_and_by_truth_in_words(tmp_path):
+    rows = [(0, "True", 1), (1, "False", 2), (2, "True", 3), (3, "", 4)]
+    for keep, found in (
+        ("count>=2", [3, 4]),
+        ("count<=1", [1, 2]),
+        ("count==2", [3]),
+        ("phase", [1, 3]),
+        ("phase==True", [1, 3]),
+        ("phase!=True", [2, 4]),
+    ):
+        assert taps_of(tmp_path, rows, tap="file", keep=keep) == [found]

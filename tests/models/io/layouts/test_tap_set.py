@@ -117,18 +117,33 @@ def test_taps_that_are_cut_are_resampled_with_their_record(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({}, "what a tap is with tap"),
-        ({"trigger": "events", "events": "t"}, r"events \(--events\) must be TABLE.csv:COLUMN"),
-        ({"trigger": "events", "events": "no.csv"}, "no such table of labels"),
-        ({"trigger": "clock", "time": None, "resample": 10.0}, r"resample \(--resample\) needs the rate"),
+        ({}, r"tap is with tap \(--tap\), or cut taps with trigger \(--trigger\)"),
+        ({"trigger": "events", "events": "t", "window": 3}, r"events \(--events\): must be TABLE.csv:COLUMN"),
+        ({"trigger": "events", "events": "no.csv", "window": 3}, r"events \(--events\): no\.csv: no such table"),
+        (
+            {"trigger": "clock", "time": None, "resample": 10.0, "window": 3},
+            r"resample \(--resample\) requires the rate .*: time \(--time\) or rate \(--rate\)",
+        ),
+        (
+            {"trigger": "clock", "time": None, "highpass": 10.0, "window": 3},
+            r"highpass \(--highpass\) requires the rate",
+        ),
+        (
+            {"trigger": "clock", "resample": 17.77777, "window": 3},
+            r"resample \(--resample\): Cannot resample from 100 Hz",
+        ),
+        ({"tap": "file", "resample": 17.77777}, r"resample \(--resample\): Cannot resample from 100 Hz"),
+        ({"trigger": "clock", "highpass": 99.0, "window": 3}, r"highpass \(--highpass\): A high-pass filter at 99"),
+        ({"trigger": "signal", "signal": "day", "window": 3}, r"signal \(--signal\) day: must hold numbers or true"),
+        ({"tap": "file", "taxels": "f2", "leave_out": "dead"}, r"leave_out \(--leave-out\): no taxel would be left"),
         ({"length": 3}, r"length \(--length\) is for taps"),
-        ({"session": "gap:long", "trigger": "clock"}, r"session \(--session\) gap:long"),
-        ({"session": "gap:3", "trigger": "clock", "time": None}, r"needs time \(--time\)"),
+        ({"session": "gap:long", "trigger": "clock", "window": 3}, r"session \(--session\) gap:long"),
+        ({"session": "gap:3", "trigger": "clock", "time": None, "window": 3}, r"needs time \(--time\)"),
     ],
 )
 def test_what_does_not_go_together_is_refused(changes, message, stream):
     with pytest.raises(InputError, match=message):
-        load_mapped(stream, CUT.changed(**changes))
+        load_mapped(stream, CUT.changed(**{"window": None, "pre": None} | changes))
 
 
 def test_dead_and_saturated_taxels_are_both_left_out_by_their_own_numbers(tmp_path, rng):
