@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..models.io.layouts.mapping import TapMap
+from ..models.errors import InputError, counted
+from ..models.io.layouts.mapping import TapMap, check_cutting, load_map, option
 from .shared.interrupt import loading
 from .shared.map_options import MAP_OPTIONS
 from .shared.options import Fields, Force, Missing, given, spelled_out
@@ -45,9 +46,7 @@ def convert(
 ) -> None:
     """Import recorded taps, or cut recorded streams into taps, and write one .nc file."""
     with loading():
-        from ..models.errors import InputError
         from ..models.io.joining import joined
-        from ..models.io.layouts.mapping import check_cutting, load_map, option
         from ..models.io.load import check_there
         from ..models.storage import check_netcdf_name, check_writable
 
@@ -109,8 +108,7 @@ def _labelled(taps: "TapSet", how: TapMap) -> "TapSet":
 def _tell(target: Path, taps: "TapSet", how: TapMap) -> None:
     """Prints what was written, and what the map says of its origin."""
     n, j, k = taps.samples.shape
-    counts = f"{n} tap{'s' * (n != 1)} of {j} sample{'s' * (j != 1)} from {k} taxel{'s' * (k != 1)}"
-    typer.echo(f"{target}: {counts}.")
+    typer.echo(f"{target}: {counted(n, 'tap')} of {counted(j, 'sample')} from {counted(k, 'taxel')}.")
     for name, text in (("Licence", how.licence), ("Cite as", how.citation)):
         if text:
             typer.echo(f"{name}: {text}.".replace("..", "."))
@@ -119,8 +117,6 @@ def _tell(target: Path, taps: "TapSet", how: TapMap) -> None:
 @contextmanager
 def _looking_helps() -> Iterator[None]:
     """Adds to errors of a recording of another layout how to go on."""
-    from ..models.errors import InputError
-
     try:
         yield
     except InputError as error:

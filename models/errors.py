@@ -91,6 +91,16 @@ def check_numbers(values: "ArrayLike", name: str) -> "NDArray[Any]":
     return array
 
 
+def counted(number: int, what: str) -> str:
+    """A number of things.
+
+    >>> counted(1, "tap"), counted(0, "taxel"), counted(2, "press")
+    ('1 tap', '0 taxels', '2 presses')
+    """
+    plural = "es" if what.endswith("s") else "s"
+    return f"{number} {what}{plural * (number != 1)}"
+
+
 def printable(text: str) -> str:
     r"""Text with escapes for characters that control a terminal or the direction of what follows.
 

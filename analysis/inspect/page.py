@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from ...models.errors import counted
 from ..page.page import Brief, Cautions, Page, Table
 from .run import Inspection
 
@@ -19,13 +20,13 @@ def inspection_page(inspection: Inspection, title: str = "") -> Page:
 
 
 def _answers(inspection: Inspection) -> Table:
-    return Table(["question", "answer", "why"], [*inspection.answers], ANSWERS, words={1, 2})
+    return Table((), [*inspection.answers], ANSWERS, words={1, 2})
 
 
 def overview_lines(inspection: Inspection) -> Iterator[tuple[str, str]]:
     """Name and value of each line of the overview; what is unknown is left out."""
     taps, samples, taxels = inspection.size
-    yield "taps", f"{taps} of {samples} sample{_s(samples)} from {taxels} taxel{_s(taxels)}"
+    yield "taps", f"{taps} of {counted(samples, 'sample')} from {counted(taxels, 'taxel')}"
     yield "sessions", f"{len(inspection.sessions)} ({_condensed([str(s) for s in inspection.sessions])})"
     yield "objects", f"{len(inspection.what_label)} ({_condensed(inspection.what_label)})"
     yield "positions", f"{len(inspection.where_label)} ({_condensed(inspection.where_label)})"
@@ -75,7 +76,3 @@ def _caption(inspection: Inspection) -> str:
 
 def _condensed(names: tuple[str, ...] | list[str]) -> str:
     return ", ".join(names) if len(names) <= _COLUMNS else f"{', '.join(names[:3])}, ..., {names[-1]}"
-
-
-def _s(number: int) -> str:
-    return "" if number == 1 else "s"

@@ -27,7 +27,8 @@ FEW_SESSIONS = 4  # below which intervals over sessions are unreliable, see `inf
 _RECORD = 20  # taps of a class and session, as in the paper
 _MOSTLY = 0.5  # share of the accuracy above chance, from which on it is mostly that of samples before contact
 _MOST = 1000  # taps of a class that are worth asking for
-_UNTESTED = "No class has taps both to train and to test with; record all in each session."
+_ONE_CLASS = "There is one class; record a second object."
+_UNTESTED = "No class has taps to train and to test with; record all."
 _ALTERNATED = {"object": "objects", "position": "positions"}
 
 
@@ -37,7 +38,8 @@ class QuestionAnswer(NamedTuple):
     Attributes:
         question: One of `QUESTIONS`.
         answer: Whether it can.
-        why: What it shows, or what is missing and what to record instead, in a sentence.
+        why: What it shows, or what is missing and what to record instead, in a sentence. Those of single taps and of
+            beliefs take up to two lines of a terminal of 80 columns, all others one.
     """
 
     question: str
@@ -93,6 +95,10 @@ class _Design(NamedTuple):
     def alternate(self) -> str:
         """How to record without blocks."""
         return f"alternate {_ALTERNATED.get(self.blocks, 'classes')}."
+
+    def also(self, shown: str) -> str:
+        """What drift does beside `drift`, in a short sentence."""
+        return f"{shown if self.blocks else 'As for single taps'}; {self.alternate}"
 
     @property
     def drift(self) -> str:
@@ -176,12 +182,12 @@ type _Rule = Iterator[tuple[CanTell, str]]
 def _single_taps(design: _Design) -> _Rule:
     fit, most = design.fit, int(design.counts.sum(axis=0).max())
     if design.classes == 1:
-        yield "no", "There is one class; record a second object."
+        yield "no", _ONE_CLASS
     if most == 1:
         yield "no", f"Each class has one tap, none to test with; record {_RECORD}."
     if design.drift:
         yield "partly", design.drift
-    train = design.counts[:-1].sum(axis=0) if design.sessions > 1 else design.counts[0] // 2
+    train = design.counts[:-1].sum(axis=0) if design.sessions > 1 else -(-design.counts[0] // 2)
     if (each := int(np.median(train[design.counts.any(axis=0)]))) < FEW:
         yield "partly", f"{_taps(each)} per class to train with {_are(each)} too few; record {_RECORD}."
     if fit is None and not design.large:
@@ -199,40 +205,33 @@ def _single_taps(design: _Design) -> _Rule:
 def _several_taps(design: _Design) -> _Rule:
     fit, each = design.fit, design.each
     if design.classes == 1:
-        yield "no", "There is one class; record a second object."
+        yield "no", _ONE_CLASS
     if each == 1:
         yield "no", f"One tap per class and session; record {_RECORD} in each."
     if design.drift:
-        yield "partly", f"In blocks, so taps share their drift; {design.alternate}" if design.blocks else design.drift
+        yield "partly", design.also("Taps share their drift")
     if fit is not None and fit.most > MOST_TAPS:
-        yield "partly", f"Many decisions take over {MOST_TAPS} taps, classes have {each}; record {MOST_TAPS} or more."
-    need = max(FEW_TAPS, 0 if fit is None else fit.most)
+        yield "partly", f"Many decisions take over {MOST_TAPS} taps; record {MOST_TAPS}, not {each}."
     if fit is not None and each < fit.most:
-        yield (
-            "partly",
-            f"Nine in ten decisions take up to {fit.most} taps, classes have {each}; record {_tens(need)}.",
-        )
+        need = _tens(max(FEW_TAPS, fit.most))
+        yield "partly", f"90% of decisions take up to {fit.most} taps; record {need}, not {each}."
     if each < FEW_TAPS:
         yield "partly", f"{each} taps per class and session are few; record {FEW_TAPS}."
-    takes = "" if fit is None else f"; nine in ten decisions take up to {fit.most}"
-    yield "yes", f"{each} taps per class and session{takes}."
+    yield "yes", f"Classes have {each} taps{'' if fit is None else f', 90% of decisions take up to {fit.most}'}."
 
 
 def _new_sessions(design: _Design) -> _Rule:
     sessions = design.sessions
     if sessions == 1:
-        yield "no", "There is one session; record every class again on another day."
+        yield "no", "One session; record every class again on another day."
     if design.parts == "alternate":
-        yield "no", "Trial numbers alternate as in one recording divided; record another day."
+        yield "no", "Trial numbers alternate as in one recording; add a day."
     if not design.alike:
-        yield "no", "Sessions hold different classes; record every class in every session."
+        yield "no", "Sessions differ in classes; record all in each."
     if design.parts:
-        yield "partly", "Trial numbers run on as in one recording divided; record another day."
+        yield "partly", "Trial numbers run on as in one recording; add a day."
     if sessions < FEW_SESSIONS:
-        yield (
-            "partly",
-            f"{sessions} sessions; record {FEW_SESSIONS} or more to see how they vary.",
-        )
+        yield "partly", f"{sessions} sessions; record {FEW_SESSIONS} or more to see how they vary."
     yield "yes", f"{sessions} sessions hold the same classes."
 
 
@@ -242,16 +241,13 @@ def _moves(design: _Design) -> _Rule:
     if not can_act(design.grid):
         yield "no", f"There is one {'position' if L == 1 else 'object'}; record several."
     if 2 * filled < L * M:
-        yield "no", f"Only {filled} of {L * M} classes have taps in every session; fill all."
+        yield "no", f"{filled} of {L * M} classes have taps in all sessions; fill all."
     if each == 1:
         yield "partly", f"Moves back repeat the one tap of a class; record {_RECORD}."
     if filled < L * M:
         yield "partly", f"{L * M - filled} of {L * M} classes lack taps in a session; fill all."
     if design.drift:
-        yield (
-            "partly",
-            f"In blocks, so drift also shows after moves; {design.alternate}" if design.blocks else design.drift,
-        )
+        yield "partly", design.also("Drift also shows after moves")
     if each < FEW:
         yield "partly", f"Moves back repeat the {each} taps of a class; record {_RECORD}."
     yield "yes", f"All {L * M} classes have taps, {each} in a session."
@@ -260,9 +256,9 @@ def _moves(design: _Design) -> _Rule:
 def _beliefs(design: _Design) -> _Rule:
     fit, judged = design.fit, design.judged
     if design.classes == 1:
-        yield "no", "There is one class; record a second object."
+        yield "no", _ONE_CLASS
     if judged == 1:
-        yield "no", f"One tap per class to judge on; record {_RECORD} in each session."
+        yield "no", f"One tap per class to judge on; record {_RECORD} per session."
     if fit is None and not design.large:
         yield "no", _UNTESTED
     if fit is None:
@@ -275,7 +271,7 @@ def _beliefs(design: _Design) -> _Rule:
     if wrong < FEWEST_WRONG:
         few = "Almost no" if wrong < _ALMOST_NONE else f"Only {wrong:.1f}"
         yield "no", f"{few} wrong decisions are implied; record {more or 'objects harder to tell apart'}."
-    shows = f"Detects errors {factor:.1f} times as frequent as beliefs imply"
+    shows = f"Detects errors {factor:.1f} times as frequent as implied"
     if factor > WANTED_FACTOR:
         yield "partly", f"{shows}; for {WANTED_FACTOR:g} times record {more or 'objects harder to tell apart'}."
     if design.sessions == 1:

@@ -75,8 +75,7 @@ class QuickFit(NamedTuple):
         whole: From whole taps.
         first: From the samples before contact, or the first sample where none is known to be; `None` without one.
         offset: From the offsets that were subtracted when recording; `None` without them.
-        taps: Taps to a decision without moves, the mean; trials end after `MOST_TAPS`.
-        most: Taps within which nine in ten trials decide; `MOST_TAPS` + 1 where they do not.
+        most: Taps within which nine in ten trials without moves decide; `MOST_TAPS` + 1 where they do not.
         right: Decisions on taps drawn from the fit, of which its beliefs are right; after as many taps at the latest
             as are judged of each class.
         right_to_the_end: The same up to `MOST_TAPS`.
@@ -85,7 +84,6 @@ class QuickFit(NamedTuple):
     whole: Told
     first: Told | None
     offset: Told | None
-    taps: float
     most: int
     right: RightDecisions
     right_to_the_end: RightDecisions
@@ -142,7 +140,6 @@ def quick_fit(taps: TapSet, grid: ClassGrid, before: int = 0, judged: int = MOST
         whole=of_class.told(evidence, test),
         first=told(samples[:, :n]) if n < samples.shape[1] else None,
         offset=told(offset.values[:, np.newaxis]) if offset is not None and offset.dims == ("tap", "taxel") else None,
-        taps=float(np.minimum(played.taps, MOST_TAPS).mean()),
         most=int(np.quantile(played.taps, 1 - _ALL_BUT, method="higher")),
         right=right(judged),
         right_to_the_end=right(MOST_TAPS),

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..errors import InputError, check_count, check_numbers
+from ..errors import InputError, check_count, check_numbers, counted
 from ..settings import Missing
 
 _WITHOUT = {
@@ -24,15 +24,11 @@ class EvenTaps:
     Attributes:
         samples: The taps, shape (n, J, K); NaN where a tap is too short.
         kept: Which of the taps given they are, shape (n,).
-        filled: Number of taps that lack samples at their end.
-        shortened: Number of taps that lost samples at their end.
-        left_out: What was left out, one sentence for each reason.
+        left_out: What was left out, cut off or filled, one sentence for each reason.
     """
 
     samples: NDArray[np.floating]
     kept: NDArray[np.intp]
-    filled: int
-    shortened: int
     left_out: tuple[str, ...]
 
     @property
@@ -88,7 +84,10 @@ def even_taps(
     samples = np.full((len(aligned), J, aligned[0].shape[1]), np.nan, np.result_type(np.float32, *aligned))
     for row, tap in zip(samples, aligned, strict=True):
         row[: len(tap)] = tap[:J]
-    return EvenTaps(samples, kept, int((lengths < J).sum()), int((lengths > J).sum()), tuple(left_out))
+    for changed, how in ((lengths > J, "cut to"), (lengths < J, "filled with NaN to")):
+        if changed.any():
+            left_out.append(f"{counted(int(changed.sum()), 'tap')} {how} {counted(J, 'sample')}.")
+    return EvenTaps(samples, kept, tuple(left_out))
 
 
 def _check(parts: list[NDArray[np.floating]], length: object, align: str, level: float, pre: int, short: str) -> None:
@@ -121,7 +120,7 @@ def _begins(
     what = "contact" if align == "contact" else "peak"
     reasons = (
         (without, _WITHOUT[align].format(level)),
-        (early, f"with fewer than {pre} sample{'s' * (pre > 1)} before {what}"),
+        (early, f"with fewer than {counted(pre, 'sample')} before {what}"),
     )
     at = [None if event is None or event < pre else event - pre for event in events]
     return at, [_sentence(number, why) for number, why in reasons if number]
@@ -141,4 +140,4 @@ def _event(tap: NDArray[np.floating], align: str, level: float) -> int | None:
 
 
 def _sentence(number: int, why: str) -> str:
-    return f"{number} tap{'s' * (number != 1)} left out: {why}."
+    return f"{counted(number, 'tap')} left out: {why}."

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..cutting.presses import Presses
 from ..cutting.sessions import breaks
 from ..cutting.tap_cutter import CutTap, TapCutter
-from ..errors import InputError
+from ..errors import InputError, counted
 from ..preprocessing import Preprocessing
 from ..taps import TapSet
 from .recording import Recording
@@ -44,15 +44,15 @@ class Segmented:
     @property
     def told(self) -> tuple[str, ...]:
         """What was cut and what was lost, one sentence each."""
-        split = f", split at {_number(self.gaps, 'gap')} in time" if self.gaps else ""
+        split = f", split at {counted(self.gaps, 'gap')} in time" if self.gaps else ""
         lost = (
             (self.incomplete, "tap", "cut short by the start or end of a stream"),
             (self.overlapping, "tap", "given up, as the next press came before the end"),
             (self.outside, "press", "outside the streams"),
         )
         return (
-            f"{_number(len(self.taps), 'tap')} from {_number(self.streams, 'stream')}{split}.",
-            *(f"{_number(number, what)} left out: {why}." for number, what, why in lost if number),
+            f"{counted(len(self.taps), 'tap')} from {counted(self.streams, 'stream')}{split}.",
+            *(f"{counted(number, what)} left out: {why}." for number, what, why in lost if number),
             *(f"No tap in the stream of {stream}." for stream in self.silent),
         )
 
@@ -106,7 +106,7 @@ def segment(recording: Recording, preprocessing: Preprocessing, presses: Presses
     incomplete -= overlapping
     if not taps:
         why = _why(recording, preprocessing, incomplete, presses, overlapping)
-        raise InputError(f"no tap found in {_number(streams, 'stream')}: {why}.")
+        raise InputError(f"no tap found in {counted(streams, 'stream')}: {why}.")
     labels = frames.take(rows)
     return Segmented(
         replace(labels, trial=_count(labels.session)).tapset(np.stack(taps), preprocessing),
@@ -117,11 +117,6 @@ def segment(recording: Recording, preprocessing: Preprocessing, presses: Presses
         0 if presses is None else presses.outside,
         tuple(silent),
     )
-
-
-def _number(number: int, what: str) -> str:
-    plural = "es" if what.endswith("s") else "s"
-    return f"{number} {what}{plural * (number != 1)}"
 
 
 def _broken(recording: Recording) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
@@ -191,7 +186,7 @@ def _why(
         return "all presses are outside the streams" if presses.outside else "there are no presses"
     if incomplete or overlapping:
         given_up = f", and {overlapping} given up for the next press" if overlapping else ""
-        return f"{_number(incomplete, 'tap')} cut short by the start or end of a stream{given_up}"
+        return f"{counted(incomplete, 'tap')} cut short by the start or end of a stream{given_up}"
     if preprocessing.trigger == "contact":
         low, high = recording.samples.min(), recording.samples.max()
         return f"the level is {preprocessing.trigger_level:g} and the values as stored span {low:g} to {high:g}"

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InputError, check_path, printable
+from ...errors import InputError, check_path, counted, printable
 from ..untrusted import in_bytes
 from .assemble import read_mapped
 from .files import SourceFile, is_folder, kinds_of, names_below, source_files
@@ -179,20 +179,14 @@ def _map(
         recording = read_mapped(sources, whole).recording
         labels = recording.labels
         shape, stream = recording.samples.shape, recording.is_stream
-        kind = (
-            f"{_counted(shape[0], 'frame')} of streams: cut them with trigger" if stream else _counted(shape[0], "tap")
-        )
-        size = " x ".join(map(_counted, shape[1:], ("taxel",) if stream else ("sample", "taxel")))
+        kind = f"{counted(shape[0], 'frame')} of streams: cut them with trigger" if stream else counted(shape[0], "tap")
+        size = " x ".join(map(counted, shape[1:], ("taxel",) if stream else ("sample", "taxel")))
         counts = {"object": len(labels.what_name), "position": len(np.unique(labels.where))}
         counts["session"] = len(np.unique(labels.session))
-        named = ", ".join(_counted(n, name) for name, n in counts.items())
+        named = ", ".join(counted(n, name) for name, n in counts.items())
         yield f"# With this map: {kind}, {size}, {named}."
     except InputError as error:
         yield f"# With this map: {printable(str(error))}"
-
-
-def _counted(number: int, name: str) -> str:
-    return f"{number} {name}{'s' * (number != 1)}"
 
 
 def _toml(value: Any) -> str:

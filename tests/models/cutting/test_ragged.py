@@ -26,7 +26,7 @@ def test_the_shortest_gives_the_length():
     even = even_taps(TAPS)
 
     assert even.samples.tolist() == [tap[:3].tolist() for tap in TAPS]
-    assert (even.filled, even.shortened, even.left_out, even.missing) == (0, 2, (), "refuse")
+    assert (even.left_out, even.missing) == (("2 taps cut to 3 samples.",), "refuse")
     assert even.kept.tolist() == [0, 1, 2]
 
 
@@ -36,17 +36,17 @@ def test_the_longest_gives_the_length_and_others_lack_samples_at_the_end():
     assert even.samples.shape == (3, 5, 2)
     assert np.isnan(even.samples).sum(axis=(1, 2)).tolist() == [4, 0, 2]
     np.testing.assert_array_equal(even.samples[2, :4], TAPS[2])
-    assert (even.filled, even.shortened, even.left_out, even.missing) == (2, 0, (), "drop")
+    assert (even.left_out, even.missing) == (("2 taps filled with NaN to 5 samples.",), "drop")
 
 
 def test_of_a_given_length_longer_taps_are_cut_and_shorter_ones_filled_or_left_out():
     filled, fewer = even_taps(TAPS, 4), even_taps(TAPS, 4, short="leave out")
 
-    assert (filled.filled, filled.shortened) == (1, 1)
+    assert filled.left_out == ("1 tap cut to 4 samples.", "1 tap filled with NaN to 4 samples.")
     assert np.isnan(filled.samples).sum(axis=(1, 2)).tolist() == [2, 0, 0]
     assert fewer.kept.tolist() == [1, 2]
     assert fewer.samples.tolist() == [TAPS[1][:4].tolist(), TAPS[2].tolist()]
-    assert fewer.left_out == ("1 tap left out: shorter than 4 samples.",)
+    assert fewer.left_out == ("1 tap left out: shorter than 4 samples.", "1 tap cut to 4 samples.")
 
 
 @pytest.mark.parametrize(("align", "level"), [("contact", 4.5), ("peak", 0.0)])
@@ -60,6 +60,7 @@ def test_contact_or_peak_falls_on_the_same_sample(align, level):
     assert even.left_out == (
         f"2 taps left out: {without}.",
         f"1 tap left out: with fewer than 2 samples before {align}.",
+        "1 tap cut to 7 samples.",
     )
 
 
@@ -100,12 +101,14 @@ def test_every_tap_is_kept_or_counted(shapes, pre, length):
     even = even_taps(taps, length, align="contact", level=5.0, pre=pre)
 
     assert even.kept.tolist() == can
-    assert sum(int(text.split()[0]) for text in even.left_out) == len(taps) - len(can)
+    counts = {
+        word: sum(int(text.split()[0]) for text in even.left_out if word in text) for word in ("left", "cut", "fill")
+    }
     lengths = np.array([shapes[n][0] - shapes[n][1] + pre for n in can])
     J = {"shortest": lengths.min(), "longest": lengths.max(), 3: 3}[length]
     assert even.samples.shape == (len(can), J, 2)
     assert (~np.isnan(even.samples[:, :, 0])).sum(axis=1).tolist() == np.minimum(lengths, J).tolist()
-    assert (even.filled, even.shortened) == ((lengths < J).sum(), (lengths > J).sum())
+    assert counts == {"left": len(taps) - len(can), "cut": (lengths > J).sum(), "fill": (lengths < J).sum()}
 
 
 def test_kinds_of_numbers_are_kept():
