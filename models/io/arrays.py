@@ -161,7 +161,7 @@ def _vector(arrays: Arrays, name: str, length: int | None = None) -> NDArray[np.
     if values.ndim != 1 or (length is not None and len(values) != length):
         expected = "one axis" if length is None else f"shape ({length},)"
         raise InputError(f"array {name} must have {expected}, got shape {values.shape}.")
-    return as_samples(name, values).astype(np.float64)
+    return as_samples(name, values, None).astype(np.float64)
 
 
 def _whole(arrays: Arrays, name: str, length: int, default: int | None = None) -> NDArray[np.int64]:
@@ -225,7 +225,7 @@ def _tables(arrays: Arrays) -> dict[str, Any]:
         tables["what_value"] = _vector(arrays, "what_values", len(_names(arrays)))
         tables["what_unit"] = _text(arrays, "what_unit")
     if "taxel_position" in arrays:
-        tables["taxel_position"] = as_samples("taxel_position", arrays["taxel_position"])
+        tables["taxel_position"] = as_samples("taxel_position", arrays["taxel_position"], None)
     return tables
 
 

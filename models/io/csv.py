@@ -25,15 +25,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..blocks import BLOCK
 from ..errors import InputError
 from ..settings import Missing
-from ..tap_checks import not_finite
 from .layouts.formats.contents import Contents, TextTable
 from .layouts.formats.registry import open_contents
 from .layouts.labels import as_known
 from .layouts.patterns import natural
-from .recording import Labels, Recording, concatenated, naming, runs
+from .recording import Labels, Recording, as_samples, concatenated, naming, runs
 
 NUMBERS = ("tap", "where", "session", "trial", "time_s", "what_value")
 WHOLE = ("tap", "session", "trial")
@@ -51,7 +49,7 @@ class CsvRows:
     """
 
     contents: Contents
-    taxels: NDArray[np.float64]
+    taxels: NDArray[np.floating]
     taxel_names: tuple[str, ...]
     columns: dict[str, NDArray[Any]]
 
@@ -71,13 +69,18 @@ def _read_rows(path: Path, missing: Missing) -> CsvRows:
         known = [name for name in NUMBERS if name in header]
         values, table = contents.read([name for name in header if name not in (*taxels, *known)], [*taxels, *known])
         numbers = np.asanyarray(table)
-        _check_finite(contents, numbers, len(taxels) if missing == "drop" else 0, [*taxels, *known])
+
+        def place(index: tuple[int, ...]) -> str:
+            return f"{contents.place(index[0])}, column {[*taxels, *known][index[1]]}"
+
+        samples = as_samples("taxel", numbers[:, : len(taxels)], missing, place)
+        as_samples("label", numbers[:, len(taxels) :], None, lambda index: place((index[0], index[1] + len(taxels))))
         columns = {name: numbers[:, i] for i, name in enumerate(known, len(taxels))}
         columns |= {name: as_known(np.asarray(of)) if name != "what" else np.asarray(of) for name, of in values.items()}
         empty = np.flatnonzero(columns["what"] == "")
         if len(empty):
             raise InputError(f"{contents.place(int(empty[0]))}, column what: empty.")
-        return CsvRows(contents, numbers[:, : len(taxels)], taxels, columns | _whole(contents, columns))
+        return CsvRows(contents, samples, taxels, columns | _whole(contents, columns))
 
 
 def _check_header(header: Sequence[str]) -> None:
@@ -88,19 +91,6 @@ def _check_header(header: Sequence[str]) -> None:
         raise InputError(f"line 1: missing column what; columns, split at commas: {', '.join(header)[:200]}.")
     if not any(name.startswith("taxel") for name in header):
         raise InputError("line 1: no column name starts with taxel.")
-
-
-def _check_finite(contents: Contents, table: NDArray[np.float64], may_miss: int, names: Sequence[str]) -> None:
-    """Checks numbers, of which the first columns may be missing."""
-    step = max(1, BLOCK // (8 * len(names)))
-    for start in range(0, len(table), step):
-        bad = ~np.isfinite(table[start : start + step])
-        bad[:, :may_miss] &= ~np.isnan(table[start : start + step, :may_miss])
-        if bad.any():
-            row, column = np.argwhere(bad)[0].tolist()
-            value, name = table[start + row, column], names[column]
-            why = not_finite(value, sample=name not in NUMBERS)
-            raise InputError(f"{contents.place(start + row)}, column {name}: {value}; {why}")
 
 
 def _whole(contents: Contents, columns: dict[str, NDArray[Any]]) -> dict[str, NDArray[np.int64]]:

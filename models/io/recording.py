@@ -4,7 +4,7 @@ Every reader (`io.arrays`, `io.csv`, `io.layouts.assemble`) returns a `Recording
 holds cut taps, and frames where it holds continuous streams; the labels have the same meaning in both.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -130,35 +130,48 @@ def check_real(name: str, values: Any) -> None:
         raise InputError(f"array {name} must hold real numbers, got {got}.")
 
 
-def as_samples(name: str, values: NDArray[Any], missing: Missing = "refuse") -> NDArray[np.floating]:
+def as_samples(
+    name: str,
+    values: NDArray[Any],
+    missing: Missing | None = "refuse",
+    place: Callable[[tuple[int, ...]], str] | None = None,
+) -> NDArray[np.floating]:
     """Samples as float32 or float64, as stored; integers become float64.
+
+    Args:
+        name: Of the array, for messages.
+        values: The samples.
+        missing: What to do with those that are NaN, see `load_taps`; `None` for labels, which cannot be missing.
+        place: Where the sample at an index stands, for messages; default the index itself.
 
     Raises:
         InputError: They are not real numbers, or one is infinite or, unless `missing` is `drop`, NaN.
     """
     check_real(name, values)
     if values.dtype not in (np.float32, np.float64):
-        values = _as_floats(values, np.dtype(np.float32 if values.dtype == np.float16 else np.float64))
+        kind = np.dtype(np.float32 if values.dtype == np.float16 else np.float64)
+        values = changed(values, lambda block: block.astype(kind), kind)
     rows = np.atleast_1d(values)
     for which, bad in over_blocks(rows, lambda block, which: (which, _refused(block, missing))):
         if len(bad):
-            place = bad[0] + which.start * (np.arange(rows.ndim) == 0)
-            value = rows[tuple(place)]
-            where = ", ".join(str(int(i)) for i in place)
-            raise InputError(f"{name}[{where}] is {value}; {not_finite(value, sample=True)}")
+            index = tuple((bad[0] + which.start * (np.arange(rows.ndim) == 0)).tolist())
+            where = f"{name}[{', '.join(map(str, index))}]" if place is None else place(index)
+            raise InputError(f"{where} is {rows[index]}; {not_finite(rows[index], sample=missing is not None)}")
     return values
 
 
-def _as_floats(values: NDArray[Any], kind: np.dtype[Any]) -> NDArray[np.floating]:
-    """Numbers as floats; those of a mapped file in a temporary one."""
+def changed(
+    values: NDArray[Any], work: Callable[[NDArray[Any]], NDArray[Any]], kind: np.dtype[Any]
+) -> NDArray[np.floating]:
+    """Samples after some work on each, as floats; those of a mapped file in a temporary one."""
     found = None
     if isinstance(values, np.memmap):
-        parts = over_blocks(values, lambda block, _: np.ascontiguousarray(block, kind).data)
+        parts = over_blocks(values, lambda block, _: np.ascontiguousarray(work(block), kind).data)
         found = storage.spooled(parts, values.shape, kind)
-    return values.astype(kind) if found is None else found
+    return work(values).astype(kind, copy=False) if found is None else found
 
 
-def _refused(values: NDArray[np.floating], missing: Missing) -> NDArray[np.intp]:
+def _refused(values: NDArray[np.floating], missing: Missing | None) -> NDArray[np.intp]:
     """Indices of values that cannot be samples, shape (n, axes)."""
     return np.argwhere(np.isinf(values) if missing == "drop" else ~np.isfinite(values))
 

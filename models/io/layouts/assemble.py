@@ -12,11 +12,12 @@ from ...cutting.sessions import number_by_date, number_by_gap
 from ...errors import InputError
 from ...grid import values_from_names
 from ...settings import Missing
+from ...tap_checks import RESERVED
 from ...taps import in_plane
-from ..recording import Labels, Recording, as_samples, concatenated, naming
+from ..recording import Labels, Recording, changed, concatenated, naming
 from .files import SourceFile, source_files
 from .labels import LabelTables, as_numbers, as_texts, label_source
-from .mapping import PLANE, TapMap
+from .mapping import EXTRA, PLANE, TapMap
 from .patterns import natural
 from .pieces import Piece, pieces, with_ordered_labels
 
@@ -63,18 +64,18 @@ def read_mapped(
     files = source_files(paths, how)
     beside = [path if path.is_dir() else path.parent for path in paths]
     tables = LabelTables([*([] if folder is None else [Path(folder)]), *dict.fromkeys(beside)], how.text_table, files)
-    found = with_ordered_labels(list(pieces(files, how, tables)))
+    found = with_ordered_labels(list(pieces(files, how, tables, missing)))
     if not sum(piece.rows for piece in found):
         raise InputError(f"{paths[0]}: no taps.")
     found = [piece for piece in found if piece.rows]
-    even = _joined(found, how, missing)
+    even = _joined(found, how)
     labels, rate = _labels(found, how), how.rate or _common_rate(found)
     whose = tuple(piece.file for piece in found)
     if even is not None:
         return Mapped(
             Recording(even.samples, labels.take(even.kept), rate), even.missing, even.left_out, None, whose, tables
         )
-    samples = _scaled(concatenated([np.asarray(piece.signal.samples) for piece in found]), how, missing)
+    samples = _scaled(concatenated([np.asanyarray(piece.signal.samples) for piece in found]), how)
     if samples.ndim == 3:
         return Mapped(Recording(samples, labels, rate), missing, (), None, whose, tables)
     file = np.repeat(np.arange(len(found)), [piece.rows for piece in found])
@@ -84,7 +85,7 @@ def read_mapped(
     return Mapped(Recording(samples, labels, rate, file, time=time), missing, (), rises, whose, tables)
 
 
-def _joined(found: Sequence[Piece], how: TapMap, missing: Missing) -> EvenTaps | None:
+def _joined(found: Sequence[Piece], how: TapMap) -> EvenTaps | None:
     """Taps of one length, where the map says how to make them so; `None` where nothing has to be done."""
     first = found[0]
     for piece in found:
@@ -106,15 +107,14 @@ def _joined(found: Sequence[Piece], how: TapMap, missing: Missing) -> EvenTaps |
                 "shortest, longest or a number."
             )
         return None
-    taps = [_scaled(np.asarray(tap), how, missing) for piece in found for tap in piece.signal.samples]
+    taps = [_scaled(np.asarray(tap), how) for piece in found for tap in piece.signal.samples]
     length = how.length or "shortest"
     align, short = how.align or "none", "leave out" if isinstance(length, int) else "fill"
     return even_taps(taps, length, align=align, level=how.level or 0.0, pre=how.pre or 0, short=short)
 
 
-def _scaled(samples: NDArray[Any], how: TapMap, missing: Missing) -> NDArray[np.floating]:
-    samples = as_samples("taps", samples, missing)
-    return samples if how.scale == 1 else samples * how.scale
+def _scaled(samples: NDArray[Any], how: TapMap) -> NDArray[np.floating]:
+    return samples if how.scale == 1 else changed(samples, lambda block: block * how.scale, samples.dtype)
 
 
 def _kind(piece: Piece) -> str:
@@ -142,9 +142,14 @@ def _labels(found: Sequence[Piece], how: TapMap) -> Labels:
         session=_sessions(found, how),
         trial=_trials(found),
         what_name=names,
-        extra={name: values for name in how.extra if (values := _values(found, name)) is not None},
+        extra={_free(name): values for name in how.extra if (values := _values(found, EXTRA + name)) is not None},
         tables=tables,
     )
+
+
+def _free(name: str) -> str:
+    """A name that no array of a tap set has."""
+    return f"recorded_{name}" if name in RESERVED else name
 
 
 def _values(found: Sequence[Piece], key: str) -> NDArray[Any] | None:

@@ -26,6 +26,8 @@ LABELS = ("what", "where", "session", "trial")
 CUTTING = ("trigger", "level", "window", "pre", "tare", "tare_samples", "highpass", "resample", "leave_out")
 _CUTTING_ALONE = ("window", "tare", "tare_samples", "highpass", "signal", "events")
 ORIGIN = ("sensor", "source", "licence", "citation")
+EXTRA = "extra:"
+"""What the key of a further array begins with, which may be called like a label."""
 PLANE = ("x", "y", "angle")
 """What a position in a plane consists of; the angle may be left out."""
 _Positive = Annotated[float, wanted("a positive number", gt=0, le=1e12)]
@@ -36,12 +38,12 @@ _Count = Annotated[int, wanted("a number of samples", ge=0, le=10**9)]
 def option(key: str) -> str:
     """A key of the map and its option, for messages; of an axis of a plane or a further array those of its list.
 
-    >>> option("what_value"), option("x"), option("temperature")
+    >>> option("what_value"), option("x"), option("extra:temperature")
     ('what_value (--what-value)', 'where (--where) x', 'extra (--extra) temperature')
     """
     if key in TapMap.__struct_fields__:
         return f"{key} (--{key.replace('_', '-')})"
-    return f"where (--where) {key}" if key in PLANE else f"extra (--extra) {key}"
+    return f"where (--where) {key}" if key in PLANE else f"extra (--extra) {key.removeprefix(EXTRA)}"
 
 
 class TapMap(Checked, frozen=True, kw_only=True):
@@ -161,8 +163,6 @@ class TapMap(Checked, frozen=True, kw_only=True):
         for key in ("extra", "leave_out"):
             if isinstance(one := getattr(self, key), str):
                 force_setattr(self, key, (one,))
-        if taken := [name for name in self.extra if name in (*LABELS, *PLANE, "what_value")]:
-            raise SettingError("extra", f"must not be {taken[0]}, which is a label; of a column say column:{taken[0]}.")
         for key in ("scale", "where_scale"):
             if not getattr(self, key):
                 raise SettingError(key, "must not be 0.")

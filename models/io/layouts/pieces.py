@@ -1,6 +1,6 @@
 """Pieces of a recording: the taps or frames of one file or array, with their labels as they stand there."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
-from ..recording import naming
+from ...settings import Missing
+from ..recording import as_samples, naming
 from .columns import FirstColumns, agreeing, taxel_columns, taxel_slice
 from .files import SourceFile
 from .formats.contents import Contents, Values
 from .formats.registry import open_contents
 from .labels import ByOrder, Label, LabelSource, LabelTables, as_known, label_of, label_source, needed
-from .mapping import LABELS, PLANE, TapMap
+from .mapping import EXTRA, LABELS, PLANE, TapMap, option
 from .patterns import compiled_pattern, filled, is_pattern, natural
 from .rows import among_kept, check_labels, check_numbers, condition, kept, tap_column, tap_starts
 from .signal import Signal, arranged, side_by_side, split_frames
@@ -58,8 +59,8 @@ class Piece:
         return len(self.signal.samples)
 
 
-def pieces(files: Sequence[SourceFile], how: TapMap, tables: LabelTables) -> Iterator[Piece]:
-    """The pieces of all files, in their order.
+def pieces(files: Sequence[SourceFile], how: TapMap, tables: LabelTables, missing: Missing) -> Iterator[Piece]:
+    """The pieces of all files, in their order; their samples are floats, which `missing` allows to be NaN.
 
     Raises:
         InputError: A file cannot be read as the map says; the message names it.
@@ -70,11 +71,11 @@ def pieces(files: Sequence[SourceFile], how: TapMap, tables: LabelTables) -> Ite
         with naming(file.path):
             alone = _only_array(contents) if how.taps is None else None
             if how.taps is None and alone is None:
-                yield _of_columns(file, contents, how, tables, first)
+                yield _piece(_of_columns(file, contents, how, first), tables, missing)
             else:
                 for names, fields in _arrays(how.taps or alone or "", file, contents):
                     whose = replace(file, fields=file.fields | fields)
-                    yield _of_arrays(whose, names, contents, how, tables)
+                    yield _piece(_of_arrays(whose, names, contents, how), tables, missing)
 
 
 def _only_array(contents: Contents) -> str | None:
@@ -116,12 +117,91 @@ def sources_of(how: TapMap, fields: Mapping[str, str]) -> dict[str, LabelSource]
     if how.what_value is not None and how.what_value != "names":
         found["what_value"] = label_source("what_value", how.what_value)
     for name in how.extra:
-        found[name] = label_source(name, name)
+        found[EXTRA + name] = label_source(EXTRA + name, name)
     return found
 
 
-def _of_columns(file: SourceFile, contents: Contents, how: TapMap, tables: LabelTables, first: FirstColumns) -> Piece:
-    """Taps or frames whose taxels are columns; those of further files agree with the first ones."""
+@dataclass(frozen=True, eq=False)
+class _Read:
+    """What was read of a file for a piece.
+
+    Attributes:
+        file: The file.
+        contents: What it holds.
+        how: The map.
+        signal: The samples.
+        names: Their columns or arrays.
+        values: The variables beside them.
+    """
+
+    file: SourceFile
+    contents: Contents
+    how: TapMap
+    signal: Signal
+    names: Sequence[str]
+    values: Mapping[str, Values]
+
+    def of(self, name: str) -> Values:
+        """The variable that a key of the map names."""
+        return self.values[self.contents.named(filled(name, self.file.fields))]
+
+    @property
+    def unit(self) -> str:
+        """Unit of the samples, if the file states one for all."""
+        units = {self.contents.variables[name].unit for name in self.names}
+        return units.pop() if len(units) == 1 else ""
+
+    def place(self, row: int) -> str:
+        """Where a row or tap stands."""
+        return self.contents.place(row)
+
+    def place_of_sample(self, which: NDArray[np.intp]) -> Callable[[tuple[int, ...]], str]:
+        """Where a sample stands, by its index among those rows or taps of the file."""
+        axes = self.how.axis_names or ("sample",)
+
+        def place(index: tuple[int, ...]) -> str:
+            row, *inside = int(which[index[0]]), *index[1:]
+            if self.contents.table and self.how.taps is None and axes[0] in ("sample", "tap"):
+                return f"{self.place(row)}, column {self.names[max(inside)]}"
+            called = ("tap", "sample", "taxel") if len(index) > 2 else ("frame", "taxel")
+            whose = f" of {self.names[0]}" if len(self.names) == 1 else ""
+            return ", ".join(f"{name} {n}" for name, n in zip(called, (row, *inside), strict=True)) + whose
+
+        return place
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """Samples, and what belongs to each of their rows, or of their taps where they have an axis of taps.
+
+    Attributes:
+        signal: The samples.
+        which: Numbers of the rows in their file, shape (rows,).
+        labels: Of each row, or the same for all.
+        time_s: Times, if known.
+        rises: Signal that rises at each press, if any.
+        number: Of the tap of each row, or of the row within it, if a column tells.
+    """
+
+    signal: Signal
+    which: NDArray[np.intp]
+    labels: Mapping[str, Label]
+    time_s: NDArray[np.float64] | None
+    rises: NDArray[Any] | None
+    number: NDArray[Any] | None
+
+    def select(self, rows: NDArray[Any], signal: Signal) -> "_Rows":
+        """Some rows alone, with their samples."""
+
+        def some(of: Any) -> Any:
+            return of[rows] if isinstance(of, np.ndarray) and len(of) == len(self.which) else of
+
+        labels = {key: some(of) for key, of in self.labels.items()}
+        return _Rows(signal, self.which[rows], labels, some(self.time_s), some(self.rises), some(self.number))
+
+
+def _of_columns(file: SourceFile, contents: Contents, how: TapMap, first: FirstColumns) -> _Read:
+    """Samples whose taxels are columns; those of further files agree with the first ones."""
     columns = agreeing(taxel_columns(how, contents), contents, how, first)
     sources = sources_of(how, file.fields)
     further, labels = _further(how, sources, file, contents), needed(list(sources.values()), file.fields, contents)
@@ -131,91 +211,101 @@ def _of_columns(file: SourceFile, contents: Contents, how: TapMap, tables: Label
     if frames is None:
         raise InputError("no taxels: say which columns they are with taxels (--taxels).")
     values |= {name: frames[:, len(columns) + n] for n, name in enumerate(beside[len(columns) :])}
-    frames = frames[:, : len(columns)]
     axes = how.axis_names
     if axes is not None and len(axes) != 2:
         raise InputError(f"axes (--axes) {how.axes!r}: rows and columns are two axes.")
-    units = {contents.variables[name].unit for name in columns}
-    signal = arranged(frames, axes, "the table", frames=True)
-    return _piece(file, contents, how, tables, (signal, sources, values, units.pop() if len(units) == 1 else ""))
+    signal = arranged(frames[:, : len(columns)], axes, "the table", frames=True)
+    return _Read(file, contents, how, signal, columns, values)
 
 
-def _of_arrays(file: SourceFile, names: Sequence[str], contents: Contents, how: TapMap, tables: LabelTables) -> Piece:
-    """Taps or frames of one array, or of several side by side."""
-    sources = sources_of(how, file.fields)
-    values, _ = contents.read([*dict.fromkeys([*names, *_further(how, sources, file, contents)])])
+def _of_arrays(file: SourceFile, names: Sequence[str], contents: Contents, how: TapMap) -> _Read:
+    """Samples of one array, or of several side by side."""
+    further = _further(how, sources_of(how, file.fields), file, contents)
+    values, _ = contents.read([*dict.fromkeys([*names, *further])])
     frames = how.tap is not None or how.trigger is not None
     signal = side_by_side([arranged(values[name], how.axis_names, name, frames) for name in names], names)
     if how.taxels is not None:
         signal = signal.with_taxels(taxel_slice(how))
-    units = {contents.variables[name].unit for name in names}
-    return _piece(file, contents, how, tables, (signal, sources, values, units.pop() if len(units) == 1 else ""))
+    return _Read(file, contents, how, signal, names, values)
 
 
 def _further(how: TapMap, sources: Mapping[str, LabelSource], file: SourceFile, contents: Contents) -> list[str]:
     """Variables that are needed beside the samples."""
-    names = needed(list(sources.values()), file.fields, contents)
-    named = [how.time, tap_column(how), condition(how)[0], how.signal]
-    named += [value for value in (how.what_names, how.where_values) if isinstance(value, str)]
-    return [*dict.fromkeys([*names, *(_named(contents, name, file) for name in named if name)])]
+    found = needed(list(sources.values()), file.fields, contents)
+    named = {"time": how.time, "tap": tap_column(how), "keep": condition(how)[0], "signal": how.signal}
+    for key, name in (named | _tables(how)).items():
+        if name:
+            with naming(option(key)):
+                found.append(contents.named(filled(name, file.fields)))
+    return [*dict.fromkeys(found)]
 
 
-def _named(contents: Contents, name: str, file: SourceFile) -> str:
-    return contents.named(filled(name, file.fields))
-
-
-def _piece(
-    file: SourceFile,
-    contents: Contents,
-    how: TapMap,
-    tables: LabelTables,
-    found: tuple[Signal, Mapping[str, LabelSource], Mapping[str, Values], str],
-) -> Piece:
+def _piece(read: _Read, tables: LabelTables, missing: Missing) -> Piece:
     """The piece, its frames divided into taps where the map says how."""
-    signal, sources, values, unit = found
-    rows = len(signal.samples)
-    which = np.arange(rows)
-    labels = {key: label_of(of, file, contents, values, tables, rows) for key, of in sources.items()}
-    labels = {
-        key: as_known(of) if key in how.extra and isinstance(of, np.ndarray | str) else of for key, of in labels.items()
-    }
-    time_s = _times(how, file, contents, values)
-    rises = None if how.signal is None else np.asarray(values[_named(contents, how.signal, file)])
-    per_row: dict[str, Any] = {"time": time_s, "rises": rises, **labels}
-    if (column := tap_column(how)) and not (how.tap or "").startswith("ends:"):
-        per_row["tap"] = np.asarray(values[_named(contents, column, file)])
-    starts = None
-    if not signal.cut:
-        ends = np.asarray(values[_named(contents, column, file)]) if column and "tap" not in per_row else None
-        starts = tap_starts(rows, how, per_row.get("tap"), ends, labels)
+    file, contents, how = read.file, read.contents, read.how
+    whole, sources = len(read.signal.samples), sources_of(how, file.fields)
+    rows = _rows(read, sources, tables)
+    starts = None if read.signal.cut else _starts(read, rows)
     if how.keep is not None:
-        mask = kept(how, np.asarray(values[_named(contents, condition(how)[0], file)]), rows)
-        per_row = {
-            key: of[mask] if isinstance(of, np.ndarray) and len(of) == rows else of for key, of in per_row.items()
-        }
-        signal, which = signal.select(mask), np.flatnonzero(mask)
-        starts = None if starts is None else among_kept(starts, which, rows)
-    if not signal.cut:
-        changing = {key: per_row[key] for key in labels}
-
-        def place(row: int) -> str:
-            return contents.place(int(which[row]))
-
-        if starts is not None and "tap" in per_row:
-            check_numbers(how, per_row["tap"], starts, changing, place)
-        check_labels(changing, len(signal.samples), starts, place)
-    elif how.tap is not None:
-        raise InputError(f"tap (--tap) {how.tap!r} divides rows into taps, but {how.taps} has an axis of taps.")
-    time_s = per_row["time"]
-    rate = None if time_s is None else _rate(time_s, signal, starts)
-    labels = {key: per_row[key] for key in labels}
+        mask = kept(how, np.asarray(read.of(condition(how)[0])), whole)
+        rows = rows.select(mask, rows.signal.select(mask))
+        starts = None if starts is None else among_kept(starts, rows.which, whole)
+    rows = replace(rows, signal=_checked(read, rows, missing))
+    _check_rows(read, rows, starts)
+    rate = None if rows.time_s is None else _rate(rows.time_s, rows.signal, starts)
     if starts is not None:
-        labels = {key: of[starts] if isinstance(of, np.ndarray) else of for key, of in labels.items()}
-        time_s, which = None if time_s is None else time_s[starts], which[starts]
-        signal = Signal(split_frames(np.asarray(signal.samples), starts))
-    listed = {key: np.asarray(values[_named(contents, name, file)]) for key, name in _tables(how).items()}
+        rows = rows.select(starts, Signal(split_frames(np.asanyarray(rows.signal.samples), starts)))
+    listed = {key: np.asarray(read.of(name)) for key, name in _tables(how).items()}
     units = _label_units(sources, file, contents)
-    return Piece(file, signal, labels, rate, unit, listed, time_s, units, per_row["rises"], which, rows)
+    return Piece(
+        file, rows.signal, rows.labels, rate, read.unit, listed, rows.time_s, units, rows.rises, rows.which, whole
+    )
+
+
+def _rows(read: _Read, sources: Mapping[str, LabelSource], tables: LabelTables) -> _Rows:
+    """All rows or taps of a file."""
+    how, whole = read.how, len(read.signal.samples)
+    labels: dict[str, Label] = {}
+    for key, source in sources.items():
+        label = label_of(source, read.file, read.contents, read.values, tables, whole)
+        labels[key] = as_known(label) if key.startswith(EXTRA) and isinstance(label, np.ndarray | str) else label
+    column = tap_column(how)
+    number = None if column is None or (how.tap or "").startswith("ends:") else np.asarray(read.of(column))
+    rises = None if how.signal is None else np.asarray(read.of(how.signal))
+    return _Rows(read.signal, np.arange(whole), labels, _times(read), rises, number)
+
+
+def _starts(read: _Read, rows: _Rows) -> NDArray[np.intp] | None:
+    """First row of each tap, kept or not; `None` for a stream."""
+    column = tap_column(read.how)
+    ends = np.asarray(read.of(column)) if column is not None and rows.number is None else None
+    return tap_starts(len(rows.which), read.how, rows.number, ends, rows.labels)
+
+
+def _checked(read: _Read, rows: _Rows, missing: Missing) -> Signal:
+    """The samples as floats."""
+    samples, name, place = rows.signal.samples, read.names[0], read.place_of_sample(rows.which)
+    if not isinstance(samples, list):
+        return replace(rows.signal, samples=as_samples(name, samples, missing, place))
+    places = (lambda index, row=row: place((row, *index)) for row in range(len(samples)))
+    taps = [as_samples(name, tap, missing, each) for tap, each in zip(samples, places, strict=True)]
+    return replace(rows.signal, samples=taps)
+
+
+def _check_rows(read: _Read, rows: _Rows, starts: NDArray[np.intp] | None) -> None:
+    """Checks the rows that are kept, and that they are divided into taps once at most."""
+    how = read.how
+    if rows.signal.cut:
+        if how.tap is not None:
+            raise InputError(f"tap (--tap) {how.tap!r} divides rows into taps, but {how.taps} has an axis of taps.")
+        return
+
+    def place(row: int) -> str:
+        return read.place(int(rows.which[row]))
+
+    if starts is not None and rows.number is not None:
+        check_numbers(how, rows.number, starts, rows.labels, place)
+    check_labels(rows.labels, len(rows.which), starts, place)
 
 
 def with_ordered_labels(found: Sequence[Piece]) -> list[Piece]:
@@ -265,23 +355,22 @@ def _tables(how: TapMap) -> dict[str, str]:
     return {key: name for key, name in named.items() if isinstance(name, str)}
 
 
-def _times(
-    how: TapMap, file: SourceFile, contents: Contents, values: Mapping[str, Values]
-) -> NDArray[np.float64] | None:
+def _times(read: _Read) -> NDArray[np.float64] | None:
     """Times in seconds."""
+    how = read.how
     if how.time is None:
         return None
-    name = _named(contents, how.time, file)
-    found = values[name]
+    found = read.of(how.time)
     if isinstance(found, list):
-        raise InputError(f"time (--time): {name} has elements of different lengths; give the rate with --rate.")
+        raise InputError(f"time (--time): {how.time} has elements of different lengths; give the rate with --rate.")
     try:
         numbers = found.astype(np.float64)
     except ValueError:
-        raise InputError(f"time (--time): {name} holds texts, not numbers.") from None
-    unit = how.time_unit or contents.variables[name].unit or "s"
+        raise InputError(f"time (--time): {how.time} holds texts, not numbers.") from None
+    named = read.contents.named(filled(how.time, read.file.fields))
+    unit = how.time_unit or read.contents.variables[named].unit or "s"
     if unit not in _UNITS:
-        raise InputError(f"time (--time): {name} is in {unit!r}; say its unit with --time-unit s, ms, us or ns.")
+        raise InputError(f"time (--time): {named} is in {unit!r}; say its unit with --time-unit s, ms, us or ns.")
     return numbers * _UNITS[unit]
 
 

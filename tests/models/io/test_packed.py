@@ -153,7 +153,7 @@ def test_a_bad_cell_is_found_in_its_part(tables):
     rows = path.read_text(encoding="utf-8").splitlines()
     rows[100] = ",".join([*rows[100].split(",")[:-1], "nan"])
     path.write_text("\n".join(rows), encoding="utf-8")
-    with pytest.raises(InputError, match=r"0\.csv: line 101, column taxel_4: nan"):
+    with pytest.raises(InputError, match=r"0\.csv: line 101, column taxel_4 is nan"):
         load_taps(path)
     dropped = load_taps(path, "drop").samples.values
     assert np.isnan(dropped).sum() == np.isnan(dropped[99 // 6, 99 % 6, 4]) == 1
