@@ -43,6 +43,11 @@ class Guess(NamedTuple):
     value: Any
     reason: str
 
+    @property
+    def of_names(self) -> bool:
+        """Whether it is a field of the names of files, which needs no line of its own."""
+        return self.value == f"{{{self.key}}}"
+
 
 def name_pattern(names: Sequence[str]) -> tuple[str, list[Guess]]:
     """Pattern of the names of files, and what its fields may be; empty where all names are one.

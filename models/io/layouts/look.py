@@ -14,6 +14,7 @@ from ..untrusted import in_bytes
 from .assemble import read_mapped
 from .files import SourceFile, is_folder, kinds_of, names_below, source_files
 from .formats.contents import Contents, Variable
+from .formats.objects import REST
 from .formats.registry import ending, open_contents
 from .guess import Guess, array_guesses, column_guesses, name_pattern
 from .mapping import TapMap
@@ -22,7 +23,7 @@ _MOST_NAMES, _MOST_VARIABLES = 6, 40
 _SMALL = 1 << 27
 """Bytes of arrays that are read to show their range."""
 _BLOCKS = 4
-"""Blocks of a table that are read for it."""
+"""Blocks of a table or of messages that are read for it."""
 _TRIED = 1 << 28
 """Bytes of files whose map is tried."""
 
@@ -47,22 +48,34 @@ def look(sources: Sequence[str | Path], how: TapMap) -> str:
     guesses: list[Guess] = []
     if how.files is None and len(files) > 1:
         pattern, guesses = name_pattern(names)
-        guesses = [guess for guess in guesses if getattr(how, guess.key, None) is None]
         guesses.insert(0, Guess("files", pattern or f"**/*{kind}", f"{len(files)} files"))
-    contents = open_contents(files[0].path, how.text_table, how.format)
+    contents = open_contents(files[0].path, how.text_table, how.format, _BLOCKS)
     lines += ["", f"{files[0].below}:", *_held(contents, values := _read(contents))]
     lines += _differences(files[1:2], contents, how)
-    inside = column_guesses(contents, values) if contents.table else array_guesses(contents, values)
-    known = {guess.key for guess in guesses}
-    guesses += [guess for guess in inside if guess.key not in known and not (guess.key == "tap" and "trial" in known)]
-    keys = {guess.key for guess in guesses}
+    guesses += _inside(contents, values, guesses, several=len(files) > 1)
+    guesses = [guess for guess in guesses if getattr(how, guess.key) == getattr(TapMap(), guess.key)]
+    size = sum(file.path.stat().st_size for file in files)
+    if size > _TRIED or REST in contents.unreadable:
+        result = f"This map was not tried on {in_bytes(size)}."
+    else:
+        whole = how.changed(**{guess.key: guess.value for guess in guesses if not guess.of_names})
+        result = f"With this map: {_tried(sources, whole)}"
+    comments = (f"# {line}".rstrip() for line in map(printable, lines))
+    return "\n".join([*comments, "", *_map(how, guesses), f"# {result}", ""])
+
+
+def _inside(
+    contents: Contents, values: Mapping[str, NDArray[Any]], known: Sequence[Guess], *, several: bool
+) -> Iterator[Guess]:
+    """What the contents of the first of one or several files may mean, beside what the names of files do."""
+    named = {guess.key for guess in known}
+    found = column_guesses(contents, values) if contents.table else array_guesses(contents, values)
+    inside = [guess for guess in found if guess.key not in named and not (guess.key == "tap" and "trial" in named)]
+    yield from inside
+    keys = named | {guess.key for guess in inside}
     cut = {"tap", "taps"} if contents.table else {"tap", "axes"} if "time" in keys else keys
-    if not keys & cut and len(files) > 1 and keys & {"trial", "what"}:
-        guesses.append(Guess("tap", "file", "each file is one tap, if it is"))
-    return (
-        "\n".join([*(f"# {line}".rstrip() for line in map(printable, lines)), "", *_map(sources, files, how, guesses)])
-        + "\n"
-    )
+    if not keys & cut and several and keys & {"trial", "what"}:
+        yield Guess("tap", "file", "each file is one tap, if it is")
 
 
 def _files(path: Path) -> Iterator[str]:
@@ -93,9 +106,9 @@ def _kind(paths: Sequence[Path]) -> str | None:
 
 
 def _read(contents: Contents) -> dict[str, NDArray[Any]]:
-    """Columns, and arrays that are small."""
-    names = [name for name, each in contents.variables.items() if contents.table or _known_bytes(each) <= _SMALL]
-    contents.most = _BLOCKS
+    """Columns, and the first arrays that are small together."""
+    sizes = np.cumsum([0 if contents.table else _known_bytes(each) for each in contents.variables.values()])
+    names = [name for name, size in zip(contents.variables, sizes.tolist(), strict=True) if size <= _SMALL]
     values = contents.read(names)[0]
     return {name: of for name, of in values.items() if isinstance(of, np.ndarray)}
 
@@ -116,7 +129,7 @@ def _held(contents: Contents, values: Mapping[str, NDArray[Any]]) -> Iterator[st
     if len(contents.variables) > len(names):
         yield f"  ... and {len(contents.variables) - len(names)} more"
     for name, reason in contents.unreadable.items():
-        yield f"  {name}: cannot be read: {reason}"
+        yield f"  {name} is not read: {reason}"
     for name, text in contents.attributes.items():
         yield f"  attribute {name}: {str(text)[:60]}"
     if contents.table and values:
@@ -149,44 +162,37 @@ def _summary(values: NDArray[Any] | None, variable: Variable) -> Iterator[str]:
 def _differences(others: Sequence[SourceFile], first: Contents, how: TapMap) -> Iterator[str]:
     """Whether another file has other variables."""
     for file in others:
-        other = open_contents(file.path, how.text_table, how.format)
+        other = open_contents(file.path, how.text_table, how.format, _BLOCKS)
         apart = sorted(set(first.variables) ^ set(other.variables))
         if apart:
             yield f"{file.below} differs in {', '.join(apart[:_MOST_NAMES])}."
 
 
-def _map(
-    sources: Sequence[str | Path], files: Sequence[SourceFile], how: TapMap, guesses: Sequence[Guess]
-) -> Iterator[str]:
-    """The map, and what it gives."""
-    given = {name: value for name in how.__struct_fields__ if (value := getattr(how, name)) != getattr(TapMap(), name)}
-    chosen = [guess for guess in guesses if guess.key not in given]
-    fields = {guess.key for guess in chosen if guess.value == f"{{{guess.key}}}"}
-    values = {guess.key: guess.value for guess in chosen if guess.key not in fields}
-    for name, value in given.items():
-        yield f"{name} = {_toml(value)}"
-    for guess in chosen:
-        if guess.key in fields:
+def _map(how: TapMap, guesses: Sequence[Guess]) -> Iterator[str]:
+    """Keys of the map: those that were given, and those that are guessed with the reasons."""
+    for name in how.__struct_fields__:
+        if (value := getattr(how, name)) != getattr(TapMap(), name):
+            yield f"{name} = {_toml(value)}"
+    for guess in guesses:
+        if guess.of_names:
             yield f"# {guess.key}: {guess.value} in the names of files, {guess.reason}"
         else:
             yield f"{guess.key} = {_toml(guess.value)}  # {guess.reason}"
-    size = sum(file.path.stat().st_size for file in files)
-    if size > _TRIED:
-        yield f"# This map was not tried on {in_bytes(size)}."
-        return
+
+
+def _tried(sources: Sequence[str | Path], how: TapMap) -> str:
+    """What a map gives, in a sentence."""
     try:
-        whole = how.changed(**values)
-        recording = read_mapped(sources, whole).recording
-        labels = recording.labels
-        shape, stream = recording.samples.shape, recording.is_stream
-        kind = f"{counted(shape[0], 'frame')} of streams: cut them with trigger" if stream else counted(shape[0], "tap")
-        size = " x ".join(map(counted, shape[1:], ("taxel",) if stream else ("sample", "taxel")))
-        counts = {"object": len(labels.what_name), "position": len(np.unique(labels.where))}
-        counts["session"] = len(np.unique(labels.session))
-        named = ", ".join(counted(n, name) for name, n in counts.items())
-        yield f"# With this map: {kind}, {size}, {named}."
+        recording = read_mapped(sources, how).recording
     except InputError as error:
-        yield f"# With this map: {printable(str(error))}"
+        return printable(str(error))
+    labels, shape = recording.labels, recording.samples.shape
+    names = ("frame", "taxel") if recording.is_stream else ("tap", "sample", "taxel")
+    rows, *size = map(counted, shape, names)
+    kind = f"{rows} of streams: cut them with trigger" if recording.is_stream else rows
+    counts = {"object": len(labels.what_name), "position": len(np.unique(labels.where))}
+    counts["session"] = len(np.unique(labels.session))
+    return f"{kind}, {' x '.join(size)}, {', '.join(counted(n, name) for name, n in counts.items())}."
 
 
 def _toml(value: Any) -> str:

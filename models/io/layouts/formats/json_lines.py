@@ -1,6 +1,7 @@
 """Rows as JSON: an object in each line, a list of objects, or an object of lists."""
 
 import json
+import re
 from collections.abc import Callable, Iterator, Sequence
 from itertools import islice
 from pathlib import Path
@@ -10,7 +11,7 @@ import msgspec
 from numpy.typing import NDArray
 
 from ....errors import InputError
-from ...untrusted import check_size
+from ...untrusted import check_size, in_bytes
 from . import objects
 from .columns import Part, gathered
 from .contents import Contents, TextTable, Values
@@ -18,19 +19,22 @@ from .text_lines import BLOCK, Lines, TextBlock
 
 _IN_MEMORY = 12  # times the size of a document that its objects take
 _DOCUMENT = ".json"
+_STRUCTURE = re.compile(rb'"(?:[^"\\]|\\.)*+"|[\[\]{},]')  # of a document, and what hides it
+_CLOSING = bytes.maketrans(b"[{", b"]}")
 _SHOWN = 80
 
 
-def open_json(path: Path, how: TextTable) -> Contents:  # noqa: ARG001 - as the other readers
+def open_json(path: Path, how: TextTable, most: int | None = None) -> Contents:  # noqa: ARG001 - as the other readers
     """Rows of a `.json` document, or of a file with an object in each line.
 
     A document is a list of objects, or an object of equally long lists, whose texts and numbers beside these are
-    attributes of the file.
+    attributes of the file. With `most`, only rows in its first 4 MiB are read.
 
     Raises:
         InputError: It is no such file, or damaged; the message names the line.
     """
-    return JsonDocument(path) if path.suffix.lower() == _DOCUMENT and not _has_lines(path) else JsonLines(path)
+    is_document = path.suffix.lower() == _DOCUMENT and not _has_lines(path)
+    return JsonDocument(path, whole=most is None) if is_document else JsonLines(path)
 
 
 class JsonLines(Contents):
@@ -72,16 +76,27 @@ class JsonLines(Contents):
 
 
 class JsonDocument(Contents):
-    """A list of objects, or an object of equally long lists."""
+    """A list of objects, or an object of equally long lists; as many rows as 4 MiB hold tell which fields there are.
+
+    Args:
+        path: The file.
+        whole: Whether all of a file above 4 MiB is read, or only the rows at its begin.
+    """
 
     table = True
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, whole: bool = True) -> None:
         self.path, self.unreadable, self.attributes = path, {}, {}
-        check_size(path, 0, _IN_MEMORY * path.stat().st_size)
-        found = decoded(b"".join(block.content for block in Lines(path, 0, "")), lambda: "")
+        size = path.stat().st_size
+        begin = b"" if whole or size <= BLOCK else closed(_utf8(path, BLOCK))
+        if begin:
+            self.unreadable[objects.REST] = f"its first {in_bytes(BLOCK)} tell what there is"
+        else:
+            check_size(path, 0, _IN_MEMORY * size)
+        found = decoded(begin or _utf8(path), lambda: "")
         self._rows: list[Any] = found if isinstance(found, list) else self._transposed(found)
-        self.variables, self._paths = objects.fields(self._rows, len(self._rows))
+        first = max(1, len(self._rows) * BLOCK // max(size, BLOCK))
+        self.variables, self._paths = objects.fields(self._rows[:first], len(self._rows))
         if not self.variables:
             raise InputError("there is neither a list of objects nor an object of lists.")
 
@@ -92,11 +107,11 @@ class JsonDocument(Contents):
         lists = {key: each for key, each in found.items() if isinstance(each, list)}
         self.attributes = {key: each for key, each in found.items() if isinstance(each, str | int | float)}
         lengths = {key: len(each) for key, each in lists.items()}
-        if len(set(lengths.values())) > 1:
+        if len(set(lengths.values())) > 1 and not self.unreadable:
             first = next(iter(lengths))
             other = next(key for key, length in lengths.items() if length != lengths[first])
             raise InputError(f"the list {first} has {lengths[first]} items, but {other} has {lengths[other]}.")
-        return [dict(zip(lists, row, strict=True)) for row in zip(*lists.values(), strict=True)]
+        return [dict(zip(lists, row, strict=True)) for row in zip(*lists.values(), strict=False)]  # of a begin
 
     @override
     def read(self, names: Sequence[str], columns: Sequence[str] = ()) -> tuple[dict[str, Values], NDArray[Any] | None]:
@@ -114,7 +129,7 @@ def _asked(
 
 def _has_lines(path: Path) -> bool:
     """Whether the first line is an object and not all of the file."""
-    lines = [line for line in next(iter(Lines(path, 0, "")), TextBlock(1, b"")).content.split(b"\n") if line.strip()]
+    lines = [line for line in _utf8(path, BLOCK).split(b"\n") if line.strip()]
     try:
         return len(lines) > 1 and isinstance(msgspec.json.decode(lines[0]), dict)
     except (msgspec.DecodeError, RecursionError):
@@ -136,6 +151,37 @@ def _rows(block: TextBlock) -> list[Any]:
         if not isinstance(row, dict):
             raise InputError(f"{_line(block, i)}: not an object with keys.")
     return found
+
+
+def _utf8(path: Path, most: int = -1) -> bytes:
+    """Bytes of a file, or the first ones, in UTF-8; those of no encoding of Unicode are taken for Latin-1."""
+    try:
+        with path.open("rb") as file:
+            content = file.read(most)
+    except OSError as error:
+        raise InputError(f"cannot read: {error.strerror}.") from error
+    encoding = json.detect_encoding(content)
+    try:
+        return content.decode(encoding, "strict" if most < 0 else "ignore").encode()
+    except UnicodeDecodeError:
+        return content.decode("latin-1").encode()
+
+
+def closed(begin: bytes) -> bytes:
+    """The begin of a document up to the last item of its list, or of the lists in its object, that it holds.
+
+    >>> closed(b'[{"a": 1}, {"a": 2}, {"a'), closed(b'{"a": [1, 2], "b": [3, 4, 5')
+    (b'[{"a": 1}, {"a": 2}]', b'{"a": [1, 2], "b": [3, 4]}')
+    """
+    open_, end, closing = b"", 0, b""
+    for sign in _STRUCTURE.finditer(begin):
+        if sign[0] in b"[{":
+            open_ += sign[0]
+        elif sign[0] in b"]}":
+            open_ = open_[:-1]
+        elif sign[0] == b"," and (len(open_) == 1 or (len(open_) == 2 and open_.endswith(b"["))):
+            end, closing = sign.start(), open_[::-1].translate(_CLOSING)
+    return begin[:end] + closing
 
 
 def decoded(content: bytes, where: Callable[[], str]) -> Any:

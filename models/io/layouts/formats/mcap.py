@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ....errors import InputError
 from ...mcap_file import McapFile
+from ...untrusted import in_bytes
 from . import objects
 from .columns import Part, gathered
 from .contents import Contents, TextTable, Values, Variable
@@ -29,8 +30,8 @@ class _Field(NamedTuple):
     path: objects.Path
 
 
-def open_mcap(path: Path, how: TextTable) -> Contents:  # noqa: ARG001 - as the other readers
-    """Messages of an MCAP file, up to its end or damage, in the order of the file.
+def open_mcap(path: Path, how: TextTable, most: int | None = None) -> Contents:  # noqa: ARG001 - as the other readers
+    """Messages of an MCAP file, up to its end or damage, or those of the first `most` blocks, in the order of the file.
 
     A topic is a group: `TOPIC/field.sub` has a row for each of its messages, as do `TOPIC/log_time` and
     `TOPIC/publish_time`, in seconds since 1970. A time of ROS is a number of seconds, too.
@@ -38,19 +39,24 @@ def open_mcap(path: Path, how: TextTable) -> Contents:  # noqa: ARG001 - as the 
     Raises:
         InputError: It is no such file, or holds no messages before it is damaged.
     """
-    return McapContents(path)
+    return McapContents(path, most)
 
 
 class McapContents(Contents):
-    """Topics of an MCAP file; the first 20 messages of a topic tell its fields."""
+    """Topics of an MCAP file; the first 20 messages of a topic tell its fields.
 
-    def __init__(self, path: Path) -> None:
-        self.path, self.unreadable = path, {}
+    Args:
+        path: The file.
+        most: How many blocks of messages are read, each of 4 MiB; `None` for all.
+    """
+
+    def __init__(self, path: Path, most: int | None = None) -> None:
+        self.path, self.unreadable, self.most = path, {}, most
         self.variables = found = {}
         self._places: dict[str, _Field] = {}
         first: dict[str, list[Any]] = {}
         lengths: dict[str, int] = {}
-        messages = _Messages(path)
+        messages = _Messages(path, most)
         for topic, message, decode in messages:
             lengths[topic] = lengths.get(topic, 0) + 1
             if topic not in self.unreadable and len(rows := first.setdefault(topic, [])) < _FIRST:
@@ -62,6 +68,8 @@ class McapContents(Contents):
             if topic not in self.unreadable:
                 self._add(found, topic, rows, lengths[topic])
         self.attributes = messages.attributes
+        if messages.more:
+            self.unreadable[objects.REST] = f"its first {in_bytes(messages.size)} of messages tell what there is"
         if messages.lost > 0:
             self.unreadable[f"{messages.lost} messages"] = "the summary of the file counts them, but they are damaged"
         if messages.lost_bytes:
@@ -88,7 +96,7 @@ class McapContents(Contents):
         used = topics | {self._places[name].topic for name in asked}
 
         def parts() -> Iterator[Part]:
-            for topic, start, rows in _held(_Messages(self.path), used):
+            for topic, start, rows in _held(_Messages(self.path, self.most), used):
                 yield self._part(topic, start, rows, asked, numbers)
 
         return gathered(parts, list(names), len(columns))
@@ -107,19 +115,27 @@ class McapContents(Contents):
 class _Messages:
     """Messages of a file: topic, message, and what decodes it.
 
+    Args:
+        path: The file.
+        most: How many blocks of messages are read; `None` for all.
+
     Attributes:
         attributes: Once read: metadata of the file.
+        size: Once read: bytes of its messages.
+        more: Once read: whether there are more messages than `most` blocks.
         lost_bytes: Once read: number of damaged bytes at its end.
         lost: Once read: number of messages that the summary of the file counts, but that are not there.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, most: int | None) -> None:
+        self._bytes = np.inf if most is None else most * _BYTES
         try:
             self._file = McapFile(path)
         except InputError as error:
             raise InputError(str(error).removeprefix(f"{path}: ")) from error
         self.attributes: dict[str, str | float] = {}
-        self.lost_bytes = self.lost = 0
+        self.lost_bytes = self.lost = self.size = 0
+        self.more = False
 
     def __iter__(self) -> Iterator[tuple[str, Message, Callable[[Message], object]]]:
         schemas: dict[int, Schema] = {}
@@ -134,7 +150,10 @@ class _Messages:
             elif isinstance(record, Statistics):
                 self.lost += record.message_count
             elif isinstance(record, Message) and record.channel_id in channels:
-                self.lost -= 1
+                if self.size >= self._bytes:
+                    self.more = True
+                    return
+                self.lost, self.size = self.lost - 1, self.size + len(record.data)
                 topic, decode = channels[record.channel_id]
                 yield topic, record, decode
         self.lost_bytes = self._file.lost_bytes

@@ -11,6 +11,8 @@ from .columns import Part, stacked
 from .contents import Values, Variable
 
 type Path = tuple[str, ...]
+REST = "the rest of the file"
+"""Name of what is not read where only the begin of a file is."""
 _NUMBER, _TEXT = np.dtype(np.float64), np.dtype(np.str_)
 _SHOWN = 40
 

@@ -42,6 +42,8 @@ _OPENERS = {
     "jsonl": ("json_lines", "open_json"),
     "mcap": ("mcap", "open_mcap"),
 }
+_READ_AT_ONCE = {"jsonl", "mcap"}
+"""Formats whose files are read, wholly or in part, when they are opened."""
 ROS1 = "messages of ROS 1 are not read; rosbags-convert --src IN.bag --dst OUT --dst-storage mcap makes those of ROS 2"
 _BAGS = {
     ".bag": ROS1,
@@ -62,13 +64,14 @@ def unknown(path: Path, names: Iterable[str], otherwise: str) -> InputError:
     return InputError(f"{path}: {next(bags, otherwise)}.")
 
 
-def open_contents(path: Path, how: TextTable, kind: str | None = None) -> Contents:
+def open_contents(path: Path, how: TextTable, kind: str | None = None, most: int | None = None) -> Contents:
     """What a file holds.
 
     Args:
         path: The file, or the folder of a Zarr store.
         how: How a table of text is written.
         kind: Its format, where the ending of its name does not tell.
+        most: How many blocks, each of some MiB, are read of a table or of messages; `None` for all.
 
     Raises:
         InputError: The file is damaged or of an unknown format; the message names it.
@@ -77,8 +80,10 @@ def open_contents(path: Path, how: TextTable, kind: str | None = None) -> Conten
     if kind is None:
         raise unknown(path, [path.name], f"unknown format; say which with format (--format): {', '.join(_OPENERS)}")
     module, name = _OPENERS[kind]
-    opener: Callable[[Path, TextTable], Contents] = getattr(import_module(f"{__package__}.{module}"), name)
+    opener: Callable[..., Contents] = getattr(import_module(f"{__package__}.{module}"), name)
     with naming(path):
         if path.is_file() and not path.stat().st_size:
             raise InputError("the file is empty.")
-        return opener(path, how)
+        contents = opener(path, how, most) if kind in _READ_AT_ONCE else opener(path, how)
+    contents.most = most
+    return contents

@@ -8,8 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from solidtouch.models.errors import InputError
+from solidtouch.models.io.layouts.formats import json_lines
 from solidtouch.models.io.layouts.formats.contents import TextTable
-from solidtouch.models.io.layouts.formats.json_lines import JsonLines, open_json
+from solidtouch.models.io.layouts.formats.json_lines import JsonLines, closed, open_json
 
 
 def opened(folder, content, name="t.jsonl"):
@@ -91,6 +92,38 @@ def test_rows_are_read_back_as_they_were_written(tmp_path_factory, rows, size):
         assert [text.rstrip("\0") for text in found["t"]] == [row["t"].rstrip("\0") for row in rows]
         for read, row in zip(found["l"], rows, strict=True):
             np.testing.assert_array_equal(read, row["l"])
+
+
+@given(ROWS, st.booleans(), st.data())
+def test_the_begin_of_a_document_holds_the_first_of_its_rows(rows, by_row, data):
+    """Wherever it ends; of an object of lists the last one may be shorter than the others."""
+    whole = rows if by_row else {"rate": 3, **{key: [row[key] for row in rows] for key in ("t", "n", "l")}}
+    text = json.dumps(whole, indent=data.draw(st.sampled_from([None, 1]))).encode()
+    begin = closed(text[: data.draw(st.integers(1, len(text)))])
+    found = json.loads(begin) if begin else []
+
+    if by_row:
+        assert json.dumps(found) == json.dumps(rows[: len(found)])
+    elif found:
+        assert json.dumps(list(found.items())[:-1]) == json.dumps(list(whole.items())[: len(found) - 1])
+        last = list(found)[-1]
+        assert last == "rate" or json.dumps(found[last]) == json.dumps(whole[last][: len(found[last])])
+
+
+@pytest.mark.parametrize("by_row", [True, False])
+def test_only_the_begin_of_a_large_document_is_read_to_look_at_it(by_row, tmp_path, monkeypatch):
+    monkeypatch.setattr(json_lines, "BLOCK", 1000)
+    rows = [{"n": n, "t": "],{"} for n in range(200)]
+    whole = rows if by_row else {"rate": 3, "n": list(range(200)), "t": ["x"] * 200}
+    path = tmp_path / "t.json"
+    path.write_text(json.dumps(whole))
+    contents = open_json(path, TextTable(), 4)
+    numbers = contents.read([], ["n"])[1][:, 0].tolist()
+
+    assert numbers == list(range(len(numbers)))
+    assert len(numbers) < 200
+    assert contents.unreadable == {"the rest of the file": "its first 1 kB tell what there is"}
+    assert len(open_json(path, TextTable()).read([], ["n"])[1]) == 200
 
 
 @pytest.mark.parametrize(

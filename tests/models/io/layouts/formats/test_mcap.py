@@ -90,6 +90,31 @@ def test_topics_are_groups_of_variables_with_a_row_for_each_message(tmp_path, mo
     assert contents.read([], ["/robot/header.stamp"])[1].tolist() == [[i + 0.5] for i in range(5)]
 
 
+def test_only_the_first_messages_are_read_to_look_at_them(tmp_path, monkeypatch):
+    monkeypatch.setattr(mcap, "_BYTES", 400)
+    path = written(tmp_path, 50)
+    contents = open_mcap(path, TextTable(), 3)
+    read = contents.read([], ["/skin/p.x"])[1][:, 0].tolist()
+
+    assert contents.variables["/skin/p.x"].shape == (len(read),)
+    assert read == list(range(len(read)))
+    assert 5 < len(read) < 50
+    assert contents.unreadable["the rest of the file"].startswith("its first 1.2")
+    assert len(open_mcap(path, TextTable()).read([], ["/skin/p.x"])[1]) == 50
+
+
+def test_messages_of_ros_1_are_refused_with_what_converts_them(tmp_path):
+    path = tmp_path / "t.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        schema = writer.register_schema("std_msgs/Float64", "ros1msg", b"float64 data")
+        writer.add_message(writer.register_channel("/skin", "ros1", schema), 0, b"x" * 8, 0)
+        writer.finish()
+    with pytest.raises(InputError, match=r"/skin: messages of ROS 1 are not read; rosbags-convert --src IN\.bag"):
+        open_mcap(path, TextTable())
+
+
 def test_columns_are_of_one_topic(tmp_path):
     with pytest.raises(InputError, match=r"/skin/p\.x and /robot/log_time are not of one topic"):
         open_mcap(written(tmp_path), TextTable()).read([], ["/skin/p.x", "/robot/log_time"])
