@@ -16,10 +16,11 @@ from ...tap_checks import RESERVED
 from ...taps import in_plane
 from ..recording import Labels, Recording, changed, concatenated, naming
 from .files import SourceFile, source_files
+from .gathering import with_all_taxels, with_ordered_labels
 from .labels import LabelTables, as_numbers, as_texts, label_source
 from .mapping import EXTRA, PLANE, TapMap
 from .patterns import natural
-from .pieces import Piece, pieces, with_ordered_labels
+from .pieces import Piece, pieces
 
 _SAME_RATE = 0.02
 """Rates of two files that differ by less in proportion are one: clocks of computers jitter."""
@@ -64,7 +65,7 @@ def read_mapped(
     files = source_files(paths, how)
     beside = [path if path.is_dir() else path.parent for path in paths]
     tables = LabelTables([*([] if folder is None else [Path(folder)]), *dict.fromkeys(beside)], how.text_table, files)
-    found = with_ordered_labels(list(pieces(files, how, tables, missing)))
+    found = with_ordered_labels(with_all_taxels(list(pieces(files, how, tables, missing))))
     if not sum(piece.rows for piece in found):
         raise InputError(f"{paths[0]}: no taps.")
     found = [piece for piece in found if piece.rows]

@@ -10,7 +10,7 @@ _PIECE = re.compile(r"\{(\w*)\}|(\*\*/|\*\*)|(\*)|(\?)|([^*?{}]+)|(.)")
 _NUMBER = r"[^\W\d_]*[-+]?\d+(?:[.,]\d+)?[^\W\d_]*"
 """A number with letters around it, as of a unit."""
 FIELDS = ("what", "where", "session", "trial", "tap", "sample", "taxel", "x", "y", "angle")
-_NUMBERS = {"where", "trial", "tap", "sample", "taxel", "x", "y", "angle"}
+_NUMBERS = {"where", "trial", "tap", "sample", "x", "y", "angle"}
 _IN_TEXT = re.compile(r"((?:(?<![^\W_])[-+])?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?) ?([^\W\d_]*)")
 _IN_THOUSANDS = re.compile(r"(?<![\d.,])[1-9]\d{0,2}(?:(?:,\d{3}){2,}(?![\d,])|,\d{3}(?=\.\d))")
 _UNCLEAR = re.compile(r"(?<![\d.,])[1-9]\d{0,2},\d{3}(?!\d|[.,]\d)")

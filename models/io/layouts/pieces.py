@@ -14,7 +14,7 @@ from .columns import FirstColumns, agreeing, taxel_columns, taxel_slice
 from .files import SourceFile
 from .formats.contents import Contents, Values
 from .formats.registry import open_contents
-from .labels import ByOrder, Label, LabelSource, LabelTables, as_known, label_of, label_source, needed
+from .labels import Label, LabelSource, LabelTables, as_known, label_of, label_source, needed
 from .mapping import EXTRA, LABELS, PLANE, TapMap, option
 from .patterns import compiled_pattern, filled, is_pattern, natural
 from .rows import among_kept, check_labels, check_numbers, condition, kept, tap_column, tap_starts
@@ -65,13 +65,14 @@ def pieces(files: Sequence[SourceFile], how: TapMap, tables: LabelTables, missin
     Raises:
         InputError: A file cannot be read as the map says; the message names it.
     """
-    first: FirstColumns = {}
+    first: dict[str, FirstColumns] = {}
     for file in files:
         contents = open_contents(file.path, how.text_table, how.format)
         with naming(file.path):
             alone = _only_array(contents) if how.taps is None else None
             if how.taps is None and alone is None:
-                yield _piece(_of_columns(file, contents, how, first), tables, missing)
+                columns = first.setdefault(file.fields.get("taxel", ""), {})
+                yield _piece(_of_columns(file, contents, how, columns), tables, missing)
             else:
                 for names, fields in _arrays(how.taps or alone or "", file, contents):
                     whose = replace(file, fields=file.fields | fields)
@@ -306,38 +307,6 @@ def _check_rows(read: _Read, rows: _Rows, starts: NDArray[np.intp] | None) -> No
     if starts is not None and rows.number is not None:
         check_numbers(how, rows.number, starts, rows.labels, place)
     check_labels(rows.labels, len(rows.which), starts, place)
-
-
-def with_ordered_labels(found: Sequence[Piece]) -> list[Piece]:
-    """The pieces with those labels that tables list in the order of all their taps or rows.
-
-    Raises:
-        InputError: A table has another number of rows.
-    """
-    labels, sharing = [dict(piece.labels) for piece in found], dict[tuple[str, int], list[int]]()
-    for number, piece in enumerate(found):
-        for key, of in piece.labels.items():
-            if isinstance(of, ByOrder):
-                sharing.setdefault((key, id(of.values)), []).append(number)
-    for (key, _), numbers in sharing.items():
-        parts = _parts(labels[numbers[0]][key], [found[number] for number in numbers])
-        for number, part in zip(numbers, parts, strict=True):
-            labels[number][key] = part
-    return [replace(piece, labels=of) for piece, of in zip(found, labels, strict=True)]
-
-
-def _parts(label: Any, sharing: Sequence[Piece]) -> list[NDArray[Any]]:
-    """Values of a table for each piece that shares it: one for each tap, else for each row, else those of each file."""
-    values, taps, rows = label.values, [piece.rows for piece in sharing], [piece.whole for piece in sharing]
-    if len(values) == sum(taps):
-        return np.split(values, np.cumsum(taps)[:-1])
-    if len(values) == sum(rows):
-        return [part[piece.row] for part, piece in zip(np.split(values, np.cumsum(rows)[:-1]), sharing, strict=True)]
-    if all(number == len(values) for number in taps):
-        return [values] * len(sharing)
-    raise InputError(
-        f"{label.table}: {len(values)} rows for {sum(taps)} taps, and no column with the names of the files."
-    )
 
 
 def _label_units(sources: Mapping[str, LabelSource], file: SourceFile, contents: Contents) -> dict[str, str]:

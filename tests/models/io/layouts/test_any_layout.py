@@ -142,7 +142,7 @@ def flat(recording, order):
 def test_groups_and_structs(recording, data, tmp_path):
     """A group of HDF5 for each session, or a struct of MATLAB, with taps in any order."""
     samples, labels = flat(recording, data.draw(st.permutations(range(int(np.prod(recording[0].shape[:4]))))))
-    if data.draw(st.booleans()) or min(samples.shape[1:]) == 1:  # which MATLAB does not tell from vectors
+    if data.draw(st.booleans()) or min(samples.shape) == 1:  # of MATLAB a vector or a single struct
         path, before = tmp_path / "recording.h5", "day_{session}/"
         with h5py.File(path, "w") as file:
             for day, of in labels.groupby("day"):

@@ -76,3 +76,58 @@ def test_samples_of_a_large_file_are_scaled_there(tmp_path, monkeypatch):
         taps = load_mapped(tmp_path / "a.npz", TapMap(taps="x", scale=0.5)).taps
     assert taps.scanned is not None
     assert taps.taps.tolist() == (TAPS / 2).tolist()
+
+
+def of_fingers(folder, what, trial, fingers):
+    """Files of one press, one for each finger."""
+    (folder / what).mkdir(exist_ok=True)
+    for finger, (header, rows) in fingers.items():
+        text = "\n".join([header, *(",".join(map(str, row)) for row in rows)])
+        (folder / what / f"press_{trial}_{finger}.csv").write_text(text, encoding="utf-8")
+
+
+FINGERS = TapMap(files="{what}/press_{trial}_{taxel}.csv", taxels="f*", tap="file")
+
+
+def test_files_of_the_same_taps_are_side_by_side(tmp_path):
+    """In the natural order of their names, whatever their columns are called."""
+    for what, trial in (("rod", 1), ("rod", 2), ("ball", 1)):
+        at = 100 * trial + 10 * (what == "rod")
+        fingers = {"f10": ("force,f1", [[at, at + 1], [at + 2, at + 3]]), "f9": ("force", [[at + 4], [at + 5]])}
+        of_fingers(tmp_path, what, trial, fingers)
+    taps = load_mapped(tmp_path, FINGERS).taps
+
+    assert [taps.what_name[w] for w in taps.what] == ["ball", "rod", "rod"]
+    assert taps.trial.tolist() == [1, 1, 2]
+    assert (taps.taps - taps.taps[:, :1, 1:2]).tolist() == [[[4, 0, 1], [5, 2, 3]]] * 3
+
+
+TWO = {"left": ("force", [[1], [2]]), "right": ("force", [[3], [4]])}
+APART = {
+    "one is missing": (TWO, {"left": TWO["left"]}, {}, "taxel right is either beside this file or beside"),
+    "other lengths": (TWO, TWO | {"right": ("force", [[3]])}, {}, "differ in their numbers of taps or samples"),
+    "twice": (TWO, TWO, {"files": "*/press_*_{taxel}.csv"}, "are both taxel left of the same taps; what tells"),
+    "other labels": (
+        TWO,
+        {"left": ("force,at", [[1, 0], [2, 0]]), "right": ("force,at", [[3, 0], [4, 1]])},
+        {"tap": "row", "where": "at", "files": "{what}/press_2_{taxel}.csv"},
+        r"where \(--where\) differs from that of .*press_2_left\.csv beside it",
+    ),
+}
+
+
+@pytest.mark.parametrize(("first", "second", "keys", "message"), APART.values(), ids=APART)
+def test_files_that_do_not_go_together_are_named(first, second, keys, message, tmp_path):
+    of_fingers(tmp_path, "rod", 1, first)
+    of_fingers(tmp_path, "rod", 2, second)
+
+    with pytest.raises(InputError, match=message):
+        load_mapped(tmp_path, FINGERS.changed(**keys))
+
+
+def test_arrays_of_the_same_taps_are_side_by_side(tmp_path):
+    np.savez(tmp_path / "a.npz", left_pads=TAPS, right_pads=-TAPS, label=np.array(["a", "b", "a", "b"]))
+    taps = load_mapped(tmp_path / "a.npz", TapMap(taps="{taxel}_pads", what="label")).taps
+
+    assert taps.taps.tolist() == np.concatenate([TAPS, -TAPS], axis=2).tolist()
+    assert taps.what_name == ["a", "b"]

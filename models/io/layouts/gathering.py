@@ -1,0 +1,92 @@
+"""Pieces that belong together: files side by side as taxels, and labels that a table lists for all of them."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError
+from .labels import ByOrder
+from .mapping import LABELS, PLANE, option
+from .patterns import natural
+from .pieces import Piece
+from .signal import side_by_side
+
+
+def with_all_taxels(found: Sequence[Piece]) -> list[Piece]:
+    """The pieces, those as one whose names differ in the field `{taxel}` alone; the labels are those of the first.
+
+    Raises:
+        InputError: A group lacks what others have, or has it twice, or its samples or labels differ; the message names
+            a file.
+    """
+    groups: dict[tuple[Any, ...], dict[str, Piece]] = {}
+    for piece in found:
+        fields = {key: of for key, of in piece.file.fields.items() if key != "taxel"}
+        taxel = piece.file.fields.get("taxel")
+        group = groups.setdefault((piece.file.source, *fields.items()) if taxel is not None else (id(piece),), {})
+        if group.setdefault(taxel or "", piece) is not piece:
+            raise InputError(
+                f"{piece.file.path} and {group[taxel or ''].file.path} are both taxel {taxel} of the same taps; what "
+                "tells them apart in their names must be a field."
+            )
+    return list(_each_beside(list(groups.values())))
+
+
+def _each_beside(groups: Sequence[Mapping[str, Piece]]) -> Iterator[Piece]:
+    for group in groups:
+        taxels = sorted(group, key=natural)
+        if set(taxels) != groups[0].keys():
+            other = next(iter(set(taxels) ^ groups[0].keys()))
+            raise InputError(
+                f"{group[taxels[0]].file.path}: taxel {other} is either beside this file or beside "
+                f"{next(iter(groups[0].values())).file.path}, but not beside both."
+            )
+        parts = [group[taxel] for taxel in taxels]
+        for part in parts[1:]:
+            _check_alike(parts[0], part)
+        yield replace(parts[0], signal=side_by_side([of.signal for of in parts], [str(of.file.path) for of in parts]))
+
+
+def _check_alike(first: Piece, other: Piece) -> None:
+    for key in (*LABELS, *PLANE):
+        if key in first.labels and not np.array_equal(_array(first.labels[key]), _array(other.labels[key])):
+            raise InputError(f"{other.file.path}: {option(key)} differs from that of {first.file.path} beside it.")
+
+
+def _array(label: Any) -> NDArray[Any]:
+    return np.asarray(label.values if isinstance(label, ByOrder) else label)
+
+
+def with_ordered_labels(found: Sequence[Piece]) -> list[Piece]:
+    """The pieces with those labels that tables list in the order of all their taps or rows.
+
+    Raises:
+        InputError: A table has another number of rows.
+    """
+    labels, sharing = [dict(piece.labels) for piece in found], dict[tuple[str, int], list[int]]()
+    for number, piece in enumerate(found):
+        for key, of in piece.labels.items():
+            if isinstance(of, ByOrder):
+                sharing.setdefault((key, id(of.values)), []).append(number)
+    for (key, _), numbers in sharing.items():
+        parts = _parts(labels[numbers[0]][key], [found[number] for number in numbers])
+        for number, part in zip(numbers, parts, strict=True):
+            labels[number][key] = part
+    return [replace(piece, labels=of) for piece, of in zip(found, labels, strict=True)]
+
+
+def _parts(label: Any, sharing: Sequence[Piece]) -> list[NDArray[Any]]:
+    """Values of a table for each piece that shares it: one for each tap, else for each row, else those of each file."""
+    values, taps, rows = label.values, [piece.rows for piece in sharing], [piece.whole for piece in sharing]
+    if len(values) == sum(taps):
+        return np.split(values, np.cumsum(taps)[:-1])
+    if len(values) == sum(rows):
+        return [part[piece.row] for part, piece in zip(np.split(values, np.cumsum(rows)[:-1]), sharing, strict=True)]
+    if all(number == len(values) for number in taps):
+        return [values] * len(sharing)
+    raise InputError(
+        f"{label.table}: {len(values)} rows for {sum(taps)} taps, and no column with the names of the files."
+    )
