@@ -17,8 +17,8 @@ from ...taps import in_plane
 from ..recording import Labels, Recording, changed, concatenated, naming
 from .files import SourceFile, source_files
 from .gathering import with_all_taxels, with_ordered_labels
-from .labels import LabelTables, as_numbers, as_texts, label_source
-from .mapping import EXTRA, PLANE, TapMap
+from .labels import LabelTables, as_numbers, as_texts, distinct, label_source
+from .mapping import EXTRA, PLANE, TapMap, option
 from .patterns import natural
 from .pieces import Piece, pieces
 
@@ -98,7 +98,7 @@ def _joined(found: Sequence[Piece], how: TapMap) -> EvenTaps | None:
     if not first.signal.cut:
         if how.align or how.length:
             key = "align" if how.align else "length"
-            raise InputError(f"{key} (--{key}) is for taps; these files hold streams, which --trigger cuts.")
+            raise InputError(f"{option(key)} is for taps; these files hold streams, which --trigger cuts.")
         return None
     lengths = {len(tap) for piece in found for tap in piece.signal.samples}
     if how.align is None and how.length is None:
@@ -165,7 +165,7 @@ def _values(found: Sequence[Piece], key: str) -> NDArray[Any] | None:
         value = piece.labels[key]
         with naming(piece.file.path):
             if isinstance(value, np.ndarray) and len(value) != piece.rows:
-                raise InputError(f"{key} (--{key.replace('_', '-')}) has {len(value)} values for {piece.rows} taps.")
+                raise InputError(f"{option(key)} has {len(value)} values for {piece.rows} taps.")
             parts.append(value if isinstance(value, np.ndarray) else np.repeat(np.asarray(value), piece.rows))
     if len({part.dtype.kind in "US" for part in parts}) > 1:
         parts = [np.array(as_texts(part)) for part in parts]
@@ -176,7 +176,7 @@ def _measured(found: Sequence[Piece], key: str, raw: NDArray[Any]) -> tuple[NDAr
     """A label as numbers with their unit, from the texts or from what the file states."""
     stated = {unit for piece in found if (unit := piece.label_units.get(key, ""))}
     if len(stated) > 1:
-        raise InputError(f"{key} (--{key}) is in {' and '.join(sorted(stated))} in different files.")
+        raise InputError(f"{option(key)} is in {' and '.join(sorted(stated))} in different files.")
     numbers, unit = as_numbers(key, raw, lambda tap: _place(found, tap))
     return numbers, unit or next(iter(stated), "")
 
@@ -202,9 +202,8 @@ def _objects(found: Sequence[Piece], how: TapMap) -> tuple[NDArray[np.int64], tu
         index = _indices("what", raw, len(listed), how.one_based and not by_axis)
         names = np.array(as_texts(listed))
     else:
-        texts, first, inverse = np.unique(as_texts(raw), return_index=True, return_inverse=True)
-        order = np.argsort(first)
-        index, names = np.argsort(order)[inverse], texts[order]
+        texts, _, index = distinct(raw)
+        names = np.array(texts)
     sizes = _sizes(found, how, index, tuple(names.tolist()))
     if sizes is not None and listed is None:
         order = np.argsort(sizes["what_value"], kind="stable")
@@ -216,7 +215,7 @@ def _objects(found: Sequence[Piece], how: TapMap) -> tuple[NDArray[np.int64], tu
 def _check_there(found: Sequence[Piece], key: str, raw: NDArray[Any]) -> None:
     missing = np.flatnonzero(raw == "" if raw.dtype.kind == "U" else raw != raw)  # noqa: PLR0124 - NaN
     if len(missing):
-        raise InputError(f"{key} (--{key}) is missing for {_place(found, int(missing[0]))}.")
+        raise InputError(f"{option(key)} is missing for {_place(found, int(missing[0]))}.")
 
 
 def _sizes(
@@ -264,12 +263,12 @@ def _indices(key: str, raw: NDArray[Any], size: int, one_based: bool) -> NDArray
     numbers, _ = as_numbers(key, raw)
     bad = np.flatnonzero(numbers != np.round(numbers))
     if len(bad):
-        raise InputError(f"{key} (--{key}) is {numbers[bad[0]]:g} of tap {bad[0]}, not an index.")
+        raise InputError(f"{option(key)} is {numbers[bad[0]]:g} of tap {bad[0]}, not an index.")
     index = numbers.astype(np.int64) - one_based
     bad = np.flatnonzero((index < 0) | (index >= size))
     if len(bad):
         hint = "; if indices count from 1, say one_based (--one-based)" if numbers.max() == size else ""
-        raise InputError(f"{key} (--{key}) is {numbers[bad[0]]:g} of tap {bad[0]}, outside the {size} entries{hint}.")
+        raise InputError(f"{option(key)} is {numbers[bad[0]]:g} of tap {bad[0]}, outside the {size} entries{hint}.")
     return index
 
 
@@ -321,13 +320,12 @@ def _sessions(found: Sequence[Piece], how: TapMap) -> NDArray[np.int64]:
     if raw is None:
         return source.astype(np.int64)
     _check_there(found, "session", raw)
-    texts = as_texts(raw)
-    if source.max() == 0 and all(text.isdecimal() and len(text) < 10 for text in set(texts)):
-        return np.array([int(text) for text in texts])
-    pairs = [(of, text) for of, text in zip(source.tolist(), texts, strict=True)]
-    order = sorted(set(pairs), key=lambda pair: (pair[0], natural(pair[1])))
-    number = {pair: n for n, pair in enumerate(order)}
-    return np.array([number[pair] for pair in pairs])
+    texts, _, which = distinct(raw)
+    numbers = {int(text) for text in texts if text.isdecimal() and len(text) < 10}
+    if source.max() == 0 and len(numbers) == len(texts):
+        return np.array(list(map(int, texts)))[which]
+    order = np.argsort(sorted(range(len(texts)), key=lambda n: natural(texts[n])))
+    return np.unique(source * len(texts) + order[which], return_inverse=True)[1]
 
 
 def _all_times(found: Sequence[Piece]) -> NDArray[np.float64]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
-from ..recording import naming
+from ..recording import naming, runs
 from .files import SourceFile
 from .formats.contents import Contents, TextTable, Values
 from .formats.registry import ENDINGS, ending, open_contents
@@ -257,6 +257,18 @@ def as_texts(values: NDArray[Any]) -> list[str]:
     return [str(value) for value in values.tolist()]
 
 
+def distinct(values: NDArray[Any]) -> tuple[list[str], NDArray[np.intp], NDArray[np.intp]]:
+    """Labels as texts, each once, in the order of appearance; first row of each, and which one each row has.
+
+    Rows that follow one another mostly have the same, so that few of them are made texts.
+    """
+    starts = runs(values)
+    texts, first, which = np.unique(as_texts(values[starts]), return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    lengths = np.diff(starts, append=len(values))
+    return texts[order].tolist(), starts[first[order]], np.repeat(np.argsort(order)[which], lengths)
+
+
 _LENGTHS_AND_ANGLES = {"m", "cm", "mm", "um", "µm", "μm", "nm", "in", "deg", "rad", "°"}
 
 
@@ -286,16 +298,17 @@ def as_numbers(
     """
     if values.dtype.kind in "fiub" and np.isfinite(values).all():
         return values.astype(np.float64), ""
-    numbers, units = np.empty(len(values)), set[str]()
-    for number, text in enumerate(as_texts(values)):
+    texts, first, which = distinct(values)
+    numbers, units = np.empty(len(texts)), set[str]()
+    for number, text in enumerate(texts):
         found = _as_number(text)
         if found is None:
             why = "is not one number"
             if unclear_comma(text):
                 why = "has a comma that may be a decimal mark or separate thousands; write a point, or no comma"
-            raise InputError(f"{option(key)}: {text!r} of {place(number)} {why}.")
+            raise InputError(f"{option(key)}: {text!r} of {place(int(first[number]))} {why}.")
         numbers[number] = found[0]
         units.add(found[1])
     if len(known := sorted(units & _LENGTHS_AND_ANGLES)) > 1:
         raise InputError(f"{option(key)}: units differ, {' and '.join(known)}.")
-    return numbers, units.pop() if len(units) == 1 else ""
+    return numbers[which], units.pop() if len(units) == 1 else ""

@@ -2,7 +2,10 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from solidtouch.models.errors import InputError
+from solidtouch.models.io.layouts.labels import distinct
 from solidtouch.models.io.layouts.mapping import TapMap
 from solidtouch.models.io.layouts.tap_set import load_mapped
 
@@ -73,3 +76,26 @@ def test_taps_that_are_not_kept_have_their_rows_in_the_table(tmp_path):
     )
     with pytest.raises(InputError, match=r"labels\.csv: 4 rows for 6 taps"):
         found(tmp_path, "thing\na\nb\nc\nd\n", files="*.npz", taps="x", taxels=None, tap=None)
+
+
+@given(st.lists(st.sampled_from(["a", "b", "10", "9", ""]), min_size=1, max_size=12))
+def test_labels_are_counted_in_the_order_in_which_they_appear(labels):
+    texts, first, which = distinct(np.array(labels))
+
+    assert texts == list(dict.fromkeys(labels))
+    assert [labels[row] for row in first] == texts
+    assert [texts[number] for number in which] == labels
+    assert first.tolist() == [labels.index(text) for text in texts]
+
+
+@pytest.mark.parametrize(
+    ("days", "sessions"),
+    [(["2", "10", "2"], [2, 10, 2]), (["1", "01", "1"], [0, 1, 0]), (["d10", "d9", "d10"], [1, 0, 1])],
+)
+def test_sessions_are_as_they_stand_if_they_are_whole_numbers(days, sessions, tmp_path):
+    """Others are numbered in natural order; 1 and 01 are two names."""
+    rows = "".join(f"{day},{n}\n" for n, day in enumerate(days))
+    (tmp_path / "a.csv").write_text(f"day,p\n{rows}", encoding="utf-8")
+    taps = load_mapped(tmp_path / "a.csv", TapMap(taxels="p", tap="row", session="day")).taps
+
+    assert taps.session.tolist() == sessions
