@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ...errors import InputError, check_path
 from .formats.registry import ENDINGS, ending, unknown
-from .mapping import LABELS, TapMap
+from .mapping import TapMap, option
 from .patterns import compiled_pattern, fields_of, natural
 
 _MOST_SHOWN = 5
@@ -37,18 +37,11 @@ def source_files(sources: Sequence[Path], how: TapMap) -> list[SourceFile]:
         InputError: There is none, or the name of one does not match a pattern of the map.
     """
     found = [file for number, path in enumerate(sources) for file in _below(check_path(path), number, how)]
-    patterns = {key: value for key in LABELS for value in _patterns(getattr(how, key)) if value}
+    patterns = {key: text for key, text in how.label_texts.items() if text.startswith(("file:", "folder:"))}
+    for key, text in patterns.items():
+        if key not in fields_of(text):
+            raise InputError(f"{option(key)}: the pattern {text.partition(':')[2]!r} has no field {{{key}}}.")
     return [_labelled(file, patterns) for file in found]
-
-
-def _patterns(value: object) -> Iterator[str]:
-    """The patterns of names among the sources of a label."""
-    return (text for text in _texts(value) if text.startswith(("file:", "folder:")))
-
-
-def _texts(value: object) -> tuple[str, ...]:
-    """One source of a label, or several."""
-    return (value,) if isinstance(value, str) else tuple(value) if isinstance(value, tuple) else ()
 
 
 def _below(path: Path, number: int, how: TapMap) -> Iterator[SourceFile]:
@@ -76,7 +69,7 @@ def _below(path: Path, number: int, how: TapMap) -> Iterator[SourceFile]:
 
 def _is_table(name: str, how: TapMap) -> bool:
     """Whether a map names this file as a table of labels or events."""
-    texts = [text for key in (*LABELS, "what_value", "events") for text in _texts(getattr(how, key))]
+    texts = filter(None, (*how.label_texts.values(), *how.extra, how.what_value, how.events))
     own = name, name.rpartition("/")[2]
     return any(text == each or text.startswith(f"{each}:") for text in texts for each in own)
 
@@ -123,13 +116,10 @@ def _labelled(file: SourceFile, patterns: dict[str, str]) -> SourceFile:
     for key, text in patterns.items():
         kind, _, pattern = text.partition(":")
         name = file.path.name if kind == "file" else file.below
-        option = f"{key} (--{key})"
-        found = compiled_pattern(pattern, option).fullmatch(name)
+        found = compiled_pattern(pattern, option(key)).fullmatch(name)
         if found is None:
-            raise InputError(f"{file.path}: its name {name!r} does not match {option} {text!r}.")
+            raise InputError(f"{file.path}: its name {name!r} does not match {option(key)} {text!r}.")
         for field_name, value in found.groupdict().items():
             if fields.setdefault(field_name, value) != value:
                 raise InputError(f"{file.path}: {{{field_name}}} is {fields[field_name]!r} and {value!r}.")
-        if key not in fields_of(pattern):
-            raise InputError(f"{option}: the pattern {pattern!r} has no field {{{key}}}.")
     return SourceFile(file.path, file.below, file.source, fields)

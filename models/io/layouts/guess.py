@@ -1,7 +1,7 @@
 """Guesses what arrays, columns and names of files mean, each with the reason."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ...cutting.sessions import GAP_STEPS
 from .formats.contents import Contents, Variable
+from .mapping import LABELS
 from .patterns import natural, number_in
 
 _WORDS = {
@@ -75,7 +76,8 @@ def name_pattern(names: Sequence[str]) -> tuple[str, list[Guess]]:
             key, reason = _field(words[i], before, taken, last=n == len(varying) - 1, strict=strict)
             if key:
                 found[words[i]] = Guess(key, f"{{{key}}}", reason)
-    pieces = [found[of].value if of in found else "*" if i in varying else of[0] for i, of in enumerate(words)]
+    same = {i: re.sub(r"[{}*?]", "?", words[i][0]) for i in range(len(words)) if i not in varying}
+    pieces = [found[of].value if of in found else same.get(i, "*") for i, of in enumerate(words)]
     return "".join(pieces), sorted(found.values(), key=lambda guess: pieces.index(guess.value))
 
 
@@ -129,46 +131,58 @@ def column_guesses(contents: Contents, values: Mapping[str, NDArray[Any]]) -> li
         contents: The table.
         values: Its columns that could be read.
     """
-    guesses: dict[str, Guess] = {}
-    lists = [name for name, each in contents.variables.items() if len(each.shape) > 1 and _is_number(each)]
-    known, values = set(values), {name: each for name, each in values.items() if each.ndim == 1}
-    numeric = {name for name, each in values.items() if _numbers(each) is not None}
-    alike = numeric | {name for name in values.keys() - numeric if _all_hold_a_number(values[name])}
-    for key, words in _WORDS.items():
-        for name, each in values.items():
-            if key in guesses or not re.search(words, _plain(name), re.IGNORECASE):
-                continue
-            distinct = len(np.unique(each))
-            few = {"what": min(_FEW, max(2, len(each) // 2)), "where": _FEW}
-            if distinct > few.get("what" if key == "session" else key, len(each)):
-                continue
-            if (key == "time" and not _increases(each)) or (key in ("where", "trial", "tap") and name not in alike):
-                continue
-            reason = _steps(each) if key == "time" else f"its name, and {distinct} different values"
-            guesses[key] = Guess(key, name, reason)
-    used = {guess.value for guess in guesses.values()}
-    if (second := _other_axis(guesses.get("where"), values)) is not None:
+    columns = {name: each for name, each in values.items() if each.ndim == 1}
+    numeric = {name for name, each in columns.items() if _numbers(each) is not None}
+    alike = numeric | {name for name in columns.keys() - numeric if _all_hold_a_number(columns[name])}
+    guesses = _labels_by_name(columns, alike)
+    if (second := _other_axis(guesses.get("where"), columns)) is not None:
         guesses = {key: guess for key, guess in guesses.items() if guess.value != second}
         guesses["where"] = Guess("where", [guesses["where"].value, second], "the names of two axes of a plane")
-        used.add(second)
-    if "what" not in guesses:
-        texts = [name for name, each in values.items() if name not in alike and 1 < len(np.unique(each)) <= _FEW]
-        if texts:
-            guesses["what"] = Guess("what", texts[0], f"texts, {len(np.unique(values[texts[0]]))} different ones")
-            used.add(texts[0])
+    texts = [name for name, each in columns.items() if name not in alike and 1 < len(np.unique(each)) <= _FEW]
+    if "what" not in guesses and texts:
+        guesses["what"] = Guess("what", texts[0], f"texts, {len(np.unique(columns[texts[0]]))} different ones")
+    lists = [name for name, each in contents.variables.items() if len(each.shape) > 1 and _is_number(each)]
     if lists:
         guesses.pop("tap", None)
-        name = next((name for name in lists if re.search(_SIGNAL, _plain(name), re.IGNORECASE)), lists[0])
-        guesses["taps"] = Guess("taps", name, "lists of numbers")
-        if name not in known:
-            guesses["length"] = Guess("length", "longest", "its lists differ in length")
-        return list(guesses.values())
-    if "tap" not in guesses and "trial" in guesses and _repeats(values[guesses["trial"].value]):
+        return [*guesses.values(), *_of_lists(lists, values)]
+    if "tap" not in guesses and "trial" in guesses and _repeats(columns[guesses["trial"].value]):
         guesses["tap"] = Guess("tap", guesses["trial"].value, "its values stay the same for many rows")
-    taxels = _taxels([name for name in values if name in numeric and name not in used], contents)
-    if taxels is not None:
-        guesses["taxels"] = taxels
-    return list(guesses.values())
+    used = {name for guess in guesses.values() for name in _listed(guess.value)}
+    taxels = _taxels([name for name in columns if name in numeric and name not in used], contents)
+    return [*guesses.values(), *([] if taxels is None else [taxels])]
+
+
+def _labels_by_name(columns: Mapping[str, NDArray[Any]], numbers: Set[str]) -> dict[str, Guess]:
+    """Time, tap and labels among columns, by their names and the number of their values.
+
+    Args:
+        columns: Their values.
+        numbers: Columns of numbers, also in texts.
+    """
+    guesses: dict[str, Guess] = {}
+    for key, name in ((key, name) for key in _WORDS for name in columns):
+        each = columns[name]
+        if key in guesses or not _like(key, _plain(name)):
+            continue
+        distinct, few = len(np.unique(each)), min(_FEW, max(2, len(each) // 2))
+        most = {"what": few, "session": few, "where": _FEW}.get(key, len(each))
+        fits = _increases(each) if key == "time" else name in numbers or key in ("what", "session")
+        if fits and distinct <= most:
+            reason = _steps(each) if key == "time" else f"its name, and {distinct} different values"
+            guesses[key] = Guess(key, name, reason)
+    return guesses
+
+
+def _of_lists(lists: Sequence[str], values: Mapping[str, NDArray[Any]]) -> Iterator[Guess]:
+    """Which column of lists holds the samples, and what to do where they differ in length."""
+    name = next((name for name in lists if re.search(_SIGNAL, _plain(name), re.IGNORECASE)), lists[0])
+    yield Guess("taps", name, "lists of numbers")
+    if name not in values:
+        yield Guess("length", "longest", "its lists differ in length")
+
+
+def _listed(value: Any) -> list[Any]:
+    return value if isinstance(value, list) else [value]
 
 
 def _steps(values: NDArray[Any]) -> str:
@@ -183,7 +197,7 @@ def _other_axis(where: Guess | None, values: Mapping[str, NDArray[Any]]) -> str 
     """The column y beside a column x of positions."""
     if where is None or not re.match(r"x\b", _plain(where.value), re.IGNORECASE):
         return None
-    wanted = re.sub(r"^x", "y", where.value, flags=re.IGNORECASE).lower()
+    wanted = f"y{where.value[1:]}".lower()
     return next((name for name, of in values.items() if name.lower() == wanted and len(np.unique(of)) <= _FEW), None)
 
 
@@ -215,75 +229,72 @@ def array_guesses(contents: Contents, values: Mapping[str, NDArray[Any]]) -> lis
         return []
     name = max(variables, key=lambda each: (_is_number(variables[each]), _size(variables[each])))
     signal = variables[name]
-    found = [Guess("taps", name, "the largest array of numbers")]
     axis = _axis_of_vectors(signal, variables)
     length, rank = signal.shape[axis] if signal.shape else None, len(signal.shape)
-    vectors = [
-        each
-        for each, of in variables.items()
-        if each != name and length and _size(of) == length == max(n or 1 for n in of.shape)
-    ]
-    times = [each for each in vectors if re.search(_WORDS["time"], _plain(each), re.IGNORECASE)]
-    frames = rank == 2 and axis == 0 and bool(times) and _increases(values.get(times[0], np.zeros(1)))
-    if frames:
+    vectors = [each for each, of in variables.items() if each != name and length and _length(of) == length]
+    times = [each for each in vectors if _like("time", _plain(each))]
+    found = [Guess("taps", name, "the largest array of numbers")]
+    if rank == 2 and axis == 0 and times and _increases(values.get(times[0], np.zeros(1))):
         found.append(Guess("time", times[0], f"its name, and one rising value for each of {length} rows"))
     elif rank != 3 or axis:
         found.append(Guess("axes", _axes(rank, axis), f"shape {_shape(signal)}; check which axis is which"))
     if None in signal.shape[1:]:
         found.append(Guess("length", "longest", "its elements differ in length"))
-    for key in ("what", "where", "session", "trial"):
+    for key in LABELS:
         fitting = [each for each in vectors if _like(key, _plain(each)) and each not in times]
         if fitting:
             found.append(Guess(key, fitting[0], f"its name, and one value for each of {length} taps"))
-    what = next((guess.value for guess in found if guess.key == "what"), None)
-    if what is None and len(vectors) == 1:
+    keys = {guess.key for guess in found}
+    if "what" not in keys and len(vectors) == 1:
         found.append(Guess("what", vectors[0], f"the only array with one value for each of {length} taps"))
-        what = vectors[0]
-    if what is not None and what in values and values[what].dtype.kind in "iuf" and values[what].size:
-        top, low = int(values[what].max()), int(values[what].min())
-        listed = [
-            each
-            for each, of in variables.items()
-            if of.dtype.kind == "U" and of.shape and of.shape[0] in (top, top + 1) and re.search(_NAMES, each, re.I)
-        ]
-        if listed:
-            found.append(Guess("what_names", listed[0], "as many texts as objects"))
-            if low == 1 and variables[listed[0]].shape[0] == top:
-                found.append(Guess("one_based", True, f"{what} runs from 1 to {top}"))
-                found += _positions(found, contents, values)
-    return _in_groups(found, contents)
+    return _in_groups([*found, *_tables(found, contents, values)], contents)
 
 
-def _positions(found: Sequence[Guess], contents: Contents, values: Mapping[str, NDArray[Any]]) -> list[Guess]:
-    """The array of positions that indices from 1 refer to."""
-    where = next((guess.value for guess in found if guess.key == "where"), None)
-    if where is None or where not in values or values[where].dtype.kind not in "iuf" or values[where].min() != 1:
-        return []
-    top = values[where].max()
-    fitting = (each for each, of in contents.variables.items() if each != where and _is_number(of) and _size(of) == top)
-    name = next((each for each in fitting if _like("where", _plain(each))), None)
-    return [] if name is None else [Guess("where_values", name, "as many numbers as positions")]
+def _tables(found: Sequence[Guess], contents: Contents, values: Mapping[str, NDArray[Any]]) -> Iterator[Guess]:
+    """Names of objects that indices refer to, and positions where indices count from 1."""
+    variables, called = contents.variables, {guess.key: guess.value for guess in found}
+    index = {key: values[called[key]] for key in ("what", "where") if called.get(key) in values}
+    index = {key: of for key, of in index.items() if of.dtype.kind in "iuf" and of.size and np.isfinite(of).all()}
+    if "what" not in index:
+        return
+    low, top = int(index["what"].min()), int(index["what"].max())
+    texts = {name: of.shape[0] for name, of in variables.items() if of.dtype.kind == "U" and of.shape}
+    names = [name for name, n in texts.items() if n in (top, top + 1) and re.search(_NAMES, name, re.IGNORECASE)]
+    if not names:
+        return
+    yield Guess("what_names", names[0], "as many texts as objects")
+    if low != 1 or texts[names[0]] != top:
+        return
+    yield Guess("one_based", True, f"{called['what']} runs from 1 to {top}")
+    if "where" in index and index["where"].min() == 1:
+        others = [name for name, of in variables.items() if name != called["where"] and _is_number(of)]
+        fitting = [name for name in others if _size(variables[name]) == index["where"].max()]
+        places = [name for name in fitting if _like("where", _plain(name))]
+        yield from (Guess("where_values", name, "as many numbers as positions") for name in places[:1])
 
 
 def _axis_of_vectors(signal: Variable, variables: Mapping[str, Variable]) -> int:
     """The axis that is as long as most of the arrays with one axis: that of taps."""
-    lengths = [_size(of) for of in variables.values() if of.shape and _size(of) == max(n or 1 for n in of.shape)]
+    lengths = [length for of in variables.values() if of.shape and (length := _length(of)) is not None]
     counts = [lengths.count(n) if n and n > 1 else 0 for n in signal.shape]
     return int(np.argmax(counts)) if counts else 0
 
 
+def _length(variable: Variable) -> int | None:
+    """Number of values of an array with one axis, or with others of length 1; `None` of another one."""
+    size = _size(variable)
+    return size if size == max((n or 1 for n in variable.shape), default=1) else None
+
+
 def _axes(rank: int, axis: int) -> str:
     """Axes of so many, where this is that of taps."""
-    if rank >= 5:
+    if rank > 4:
         return ",".join([*("what", "where", "trial", "session")[: rank - 2], "sample", "taxel"])
-    rest = {1: [], 2: ["sample"], 3: ["sample", "taxel"], 4: ["what", "sample", "taxel"]}.get(rank, [])
-    return (
-        "sample"
-        if rank == 1
-        else ",".join([*rest[:axis], "tap", *rest[axis:]])
-        if axis or rank < 4
-        else ("what,tap,sample,taxel")
-    )
+    if rank == 1:
+        return "sample"
+    rest = {2: ["sample"], 3: ["sample", "taxel"], 4: ["what", "sample", "taxel"]}.get(rank, [])
+    at = axis or int(len(rest) == 3)
+    return ",".join([*rest[:at], "tap", *rest[at:]])
 
 
 def _in_groups(found: list[Guess], contents: Contents) -> list[Guess]:

@@ -179,6 +179,15 @@ class TapMap(Checked, frozen=True, kw_only=True):
         )
 
     @property
+    def label_texts(self) -> dict[str, str]:
+        """Where labels stand that have a key, by label; those of a plane by axis."""
+        found: dict[str, str] = {}
+        for key in LABELS:
+            text = getattr(self, key)
+            found |= dict(zip(PLANE, text, strict=False)) if isinstance(text, tuple) else {key: text} if text else {}
+        return found
+
+    @property
     def axis_names(self) -> tuple[str, ...] | None:
         """The axes of `taps` in their order, or `None`.
 

@@ -9,8 +9,8 @@ from ...errors import InputError
 _PIECE = re.compile(r"\{(\w*)\}|(\*\*/|\*\*)|(\*)|(\?)|([^*?{}]+)|(.)")
 _NUMBER = r"[^\W\d_]*[-+]?\d+(?:[.,]\d+)?[^\W\d_]*"
 """A number with letters around it, as of a unit."""
-FIELDS = ("what", "where", "session", "trial", "tap", "sample", "taxel", "x", "y", "angle")
-_NUMBERS = {"where", "trial", "tap", "sample", "x", "y", "angle"}
+_NUMBERS = ("where", "trial", "x", "y", "angle")
+_FIELDS = ("what", "session", "taxel", *_NUMBERS)
 _IN_TEXT = re.compile(r"((?:(?<![^\W_])[-+])?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?) ?([^\W\d_]*)")
 _IN_THOUSANDS = re.compile(r"(?<![\d.,])[1-9]\d{0,2}(?:(?:,\d{3}){2,}(?![\d,])|,\d{3}(?=\.\d))")
 _UNCLEAR = re.compile(r"(?<![\d.,])[1-9]\d{0,2},\d{3}(?!\d|[.,]\d)")
@@ -42,13 +42,13 @@ def compiled_pattern(pattern: str, key: str) -> Pattern[str]:
             parts.append("[^/]*" if any_ else "[^/]")
         elif name in seen:
             parts.append(f"(?P={name})")
-        elif name in FIELDS:
+        elif name in _FIELDS:
             seen.add(name)
             parts.append(f"(?P<{name}>{_NUMBER if name in _NUMBERS else '[^/]+?'})")
         elif other or name == "":
             raise InputError(f"{key}: {pattern!r} has a bracket that is not part of a field such as {{what}}.")
         else:
-            raise InputError(f"{key}: unknown field {{{name}}}; fields are {', '.join(FIELDS)}.")
+            raise InputError(f"{key}: unknown field {{{name}}}; fields are {', '.join(_FIELDS)}.")
     return re.compile("".join(parts))
 
 
