@@ -4,6 +4,7 @@ from typing import Annotated, Any, Literal
 
 import typer
 
+from ...models.io.layouts.mapping import Format, TimeUnit, Trigger
 from ...models.settings import SettingError
 
 _FILES, _TEXT, _SAMPLES = "Files", "Text tables", "Samples"
@@ -46,7 +47,7 @@ _Text = str | None
 MAP_OPTIONS: dict[str, Any] = {
     "files": _option(_Text, _FILES, "Which files below each folder, such as '{what}/*_{where}mm.csv'.", "PATTERN"),
     "format": _option(
-        Literal["text", "npy", "npz", "mat", "hdf5", "netcdf", "zarr", "parquet", "arrow", "jsonl", "mcap"] | None,
+        Format.__value__ | None,
         _FILES,
         "Format of the files, if their names do not tell.",
     ),
@@ -74,7 +75,7 @@ MAP_OPTIONS: dict[str, Any] = {
     "resample": _option(float | None, _SAMPLES, "Resample to this rate.", "HZ"),
     "leave_out": _option(Any, _SAMPLES, "Taxels to be left out: dead, saturated or both.", "KINDS", parser=_listed),
     "time": _option(_Text, _SAMPLES, "Column or array of times.", "COLUMN"),
-    "time_unit": _option(Literal["s", "ms", "us", "ns"] | None, _SAMPLES, "Unit of the times."),
+    "time_unit": _option(TimeUnit.__value__ | None, _SAMPLES, "Unit of the times."),
     "rate": _option(float | None, _SAMPLES, "Sampling rate, if the file does not state it.", "HZ"),
     "units": _option(_Text, _SAMPLES, "Unit of the samples.", "UNIT"),
     "scale": _option(float, _SAMPLES, "Factor from numbers in the file to the unit.", "X"),
@@ -98,7 +99,7 @@ MAP_OPTIONS: dict[str, Any] = {
     "where_round": _option(float | None, _LABELS, "Round positions to multiples of this.", "X"),
     "extra": _option(list[str] | None, _LABELS, "Further column or array to keep; repeatable.", "COLUMN"),
     "trigger": _option(
-        Literal["clock", "contact", "signal", "events"] | None,
+        Trigger.__value__ | None,
         _CUTTING,
         "Start of a tap: every WINDOW frames, when a taxel reaches LEVEL, or at presses that a signal or events tell.",
     ),
@@ -112,7 +113,7 @@ MAP_OPTIONS: dict[str, Any] = {
         "Preprocessed value that counts as contact; negative if values fall under load.",
     ),
     "window": _option(int | None, _CUTTING, "Samples per tap."),
-    "pre": _option(int | None, _CUTTING, "Samples of a tap before contact.", min=0),
+    "pre": _option(int | None, _CUTTING, "Samples of a tap before the contact, the press or the peak.", min=0),
     "tare": _option(
         Literal["none", "stream", "tap"] | None,
         _CUTTING,

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -89,6 +89,11 @@ class LabelTables:
     files: Sequence[SourceFile] = ()
     _known: dict[Path, dict[str, NDArray[Any]]] = field(default_factory=dict)
     _naming: dict[tuple[Path, str], dict[str, list[int]]] = field(default_factory=dict)
+
+    @cached_property
+    def numbers(self) -> Mapping[Path, int]:
+        """Number of each file of the recording, from 0."""
+        return {file.path: number for number, file in enumerate(self.files)}
 
     def label(self, source: LabelSource, file: SourceFile, rows: int) -> Label:
         """Values of a column: in the row or rows that name the file, else in the rows of the file, else in all.
@@ -229,8 +234,10 @@ def label_of(
                 return file.fields[source.name]
             case "table":
                 return tables.label(source, file, rows)
-            case "file" | "gap":
-                return file.below
+            case "file":
+                return tables.numbers[file.path]
+            case "gap":
+                return ""
             case _:
                 return _in_file(filled(source.name, file.fields), contents, values)
 

@@ -47,3 +47,8 @@ def test_a_table_of_a_further_array_is_no_recording(grid):
     (grid / "more.csv").write_text("file,depth\n" + "".join(f"p_{x}mm_{y}mm,{x + y}\n" for x in (0, 1) for y in (0, 2)))
     taps = load_mapped(grid, TapMap(taxels="a", tap="file", extra="more.csv:depth")).taps
     assert taps.dataset["more.csv:depth"].values.tolist() == taps.taps.sum(axis=(1, 2)).tolist()
+
+
+def test_every_file_is_a_session_and_a_trial(grid):
+    taps = load_mapped(grid, TapMap(taxels="a", tap="file", session="file", trial="file")).taps
+    assert taps.session.tolist() == taps.trial.tolist() == [0, 1, 2, 3]

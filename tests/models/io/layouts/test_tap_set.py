@@ -166,3 +166,22 @@ def test_dead_and_saturated_taxels_are_both_left_out_by_their_own_numbers(tmp_pa
     assert taps.taps[0, 10:12].tolist() == [[columns["f1"][n], columns["f3"][n]] for n in (20, 21)]
     assert "1 of 4 taxels left out: 0 (dead: one value throughout)." in told
     assert "1 of 3 taxels left out: 2 (saturated)." in told
+
+
+def test_events_name_their_file_with_or_without_folder_and_ending(tmp_path):
+    for folder in ("x", "y"):
+        (tmp_path / folder).mkdir()
+        for name in ("a", "b"):
+            write(
+                tmp_path / folder / f"{name}.csv",
+                {"s": [f"{n + 100 * (name == 'b') + 1000 * (folder == 'y')}" for n in range(20)]},
+            )
+    how = TapMap(files="?/?.csv", taxels="s", trigger="events", events="presses.csv:at", window=2)
+    write(tmp_path / "presses.csv", {"at": [5, 3, 7, 99], "of": ["x/a.csv", "y/b.csv", "y/b.csv", "x/a.csv"]})
+    taps, told = load_mapped(tmp_path, how)
+
+    assert taps.taps[:, 0, 0].tolist() == [5, 1103, 1107]
+    assert "1 press left out: outside the streams." in told
+    write(tmp_path / "presses.csv", {"at": [5, 3], "of": ["a.csv", "b.csv"]})
+    with pytest.raises(InputError, match=r"names a\.csv, which x/a\.csv and y/a\.csv may be"):
+        load_mapped(tmp_path, how)
