@@ -289,6 +289,15 @@ def _as_number(text: str) -> tuple[float, str] | None:
     return (number, "") if np.isfinite(number) else number_in(text)
 
 
+def _no_number(key: str, text: str) -> str:
+    """Why a text is none, and what to do."""
+    if unclear_comma(text):
+        return "has a comma that may be a decimal mark or separate thousands; write a point, or no comma"
+    if key == "where" and text.lower() not in ("", "nan", "inf", "-inf") and not any(map(str.isdecimal, text)):
+        return "is not one number; give positions with names a number in a table, where = TABLE.csv:COLUMN"
+    return "is not one number"
+
+
 def as_numbers(
     key: str, values: NDArray[Any], place: Callable[[int], str] = "tap {}".format
 ) -> tuple[NDArray[np.float64], str]:
@@ -310,10 +319,7 @@ def as_numbers(
     for number, text in enumerate(texts):
         found = _as_number(text)
         if found is None:
-            why = "is not one number"
-            if unclear_comma(text):
-                why = "has a comma that may be a decimal mark or separate thousands; write a point, or no comma"
-            raise InputError(f"{option(key)}: {text!r} of {place(int(first[number]))} {why}.")
+            raise InputError(f"{option(key)}: {text!r} of {place(int(first[number]))} {_no_number(key, text)}.")
         numbers[number] = found[0]
         units.add(found[1])
     if len(known := sorted(units & _LENGTHS_AND_ANGLES)) > 1:

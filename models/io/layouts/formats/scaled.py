@@ -26,7 +26,7 @@ class Packing(NamedTuple):
 
     def __call__(self, values: NDArray[Any]) -> NDArray[Any]:
         """The numbers that are meant."""
-        values = values.view(self.stored) if self.stored.itemsize == values.dtype.itemsize else values
+        values = values.view(self.stored)
         found = values.astype(self.dtype)
         if self.factor != 1:
             found *= self.factor
@@ -43,15 +43,15 @@ def packing_of(attributes: Mapping[str, Any], dtype: np.dtype[Any]) -> Packing |
         return None
     factor, offset = _number(attributes, "scale_factor"), _number(attributes, "add_offset")
     fill = [*_numbers(attributes, "_FillValue"), *_numbers(attributes, "missing_value")]
-    unsigned = dtype.kind == "i" and str(_text(attributes, "_Unsigned")).lower() == "true"
+    unsigned = dtype.kind == "i" and _text(attributes, "_Unsigned").lower() == "true"
     stored = np.dtype(f"{dtype.str[0]}u{dtype.itemsize}") if unsigned else dtype
     if unsigned:
         fill = [each % 2 ** (8 * dtype.itemsize) for each in fill]
     fill = [each for each in fill if each == each]  # noqa: PLR0124 - NaN is missing already
-    if factor is None and offset is None and not fill and not unsigned:
+    scaled = factor is not None or offset is not None
+    if not (scaled or fill or unsigned):
         return None
-    packed = factor is not None or offset is not None or dtype.kind != "f"
-    result = stored if unsigned and factor is offset is None and not fill else np.dtype(np.float64) if packed else dtype
+    result = np.dtype(np.float64) if scaled or (fill and dtype.kind != "f") else stored
     return Packing(result, stored, 1.0 if factor is None else factor, offset or 0.0, tuple(fill))
 
 

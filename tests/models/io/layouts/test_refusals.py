@@ -51,7 +51,7 @@ def refused(source, **keys):
         ({"what": "labels.csv:q"}, "r.csv: what (--what): labels.csv: no column 'q'; columns: c, d."),
         ({"what": "nope.csv:q"}, "r.csv: what (--what): nope.csv: no such table"),
         ({"what": "others.csv:thing"}, "r.csv: what (--what): others.csv has no row for this file."),
-        ({"where": "thing"}, "where (--where): 'x' of tap 0 of r.csv is not one number."),
+        ({"where": "thing"}, "where (--where): 'x' of tap 0 of r.csv is not one number; give positions with names"),
         (
             {"what": "thing", "what_value": "thing"},
             "what_value (--what-value): 'x' of tap 0 of r.csv is not one number",
