@@ -90,7 +90,7 @@ class QuickFit(NamedTuple):
 
     @property
     def share(self) -> float:
-        """Share of the accuracy above chance that `first` surely has; 0 where it has none."""
+        """Share of the accuracy above chance that `first` has at the lower end of its interval, at least 0."""
         above = self.whole.accuracy - self.whole.chance
         return max(0.0, self.first.low - self.whole.chance) / above if self.first is not None and above > 0 else 0.0
 

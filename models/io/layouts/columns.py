@@ -27,9 +27,8 @@ def taxel_columns(how: TapMap, contents: Contents) -> list[str]:
             "say which columns are taxels with taxels (--taxels), or which array holds samples with taps (--taps); "
             f"there are: {', '.join(names[:_MOST_SHOWN])}{', ...' if len(names) > _MOST_SHOWN else ''}."
         )
-    wanted = (how.taxels,) if isinstance(how.taxels, str) else how.taxels
     found: list[str] = []
-    for text in wanted:
+    for text in _chosen(how):
         part = _as_slice(text)
         if part is not None and text not in names:
             matched = list(contents.columns[part])
@@ -71,8 +70,11 @@ def agreeing(columns: list[str], contents: Contents, how: TapMap, first: FirstCo
 
 
 def _by_number(how: TapMap) -> bool:
-    wanted = (how.taxels,) if isinstance(how.taxels, str) else how.taxels or ()
-    return any(_as_slice(text) is not None for text in wanted)
+    return any(_as_slice(text) is not None for text in _chosen(how))
+
+
+def _chosen(how: TapMap) -> tuple[str, ...]:
+    return (how.taxels,) if isinstance(how.taxels, str) else how.taxels or ()
 
 
 def taxel_slice(how: TapMap) -> slice:

@@ -227,7 +227,7 @@ def array_guesses(contents: Contents, values: Mapping[str, NDArray[Any]]) -> lis
     variables = contents.variables
     if not variables:
         return []
-    name = max(variables, key=lambda each: (_is_number(variables[each]), _size(variables[each])))
+    name = max(variables, key=lambda each: (_is_number(variables[each]), size_of(variables[each])))
     signal = variables[name]
     axis = _axis_of_vectors(signal, variables)
     length, rank = signal.shape[axis] if signal.shape else None, len(signal.shape)
@@ -237,7 +237,7 @@ def array_guesses(contents: Contents, values: Mapping[str, NDArray[Any]]) -> lis
     if rank == 2 and axis == 0 and times and _increases(values.get(times[0], np.zeros(1))):
         found.append(Guess("time", times[0], f"its name, and one rising value for each of {length} rows"))
     elif rank != 3 or axis:
-        found.append(Guess("axes", _axes(rank, axis), f"shape {_shape(signal)}; check which axis is which"))
+        found.append(Guess("axes", _axes(rank, axis), f"shape {shape_of(signal)}; check which axis is which"))
     if None in signal.shape[1:]:
         found.append(Guess("length", "longest", "its elements differ in length"))
     for key in LABELS:
@@ -268,7 +268,7 @@ def _tables(found: Sequence[Guess], contents: Contents, values: Mapping[str, NDA
     yield Guess("one_based", True, f"{called['what']} runs from 1 to {top}")
     if "where" in index and index["where"].min() == 1:
         others = [name for name, of in variables.items() if name != called["where"] and _is_number(of)]
-        fitting = [name for name in others if _size(variables[name]) == index["where"].max()]
+        fitting = [name for name in others if size_of(variables[name]) == index["where"].max()]
         places = [name for name in fitting if _like("where", _plain(name))]
         yield from (Guess("where_values", name, "as many numbers as positions") for name in places[:1])
 
@@ -282,7 +282,7 @@ def _axis_of_vectors(signal: Variable, variables: Mapping[str, Variable]) -> int
 
 def _length(variable: Variable) -> int | None:
     """Number of values of an array with one axis, or with others of length 1; `None` of another one."""
-    size = _size(variable)
+    size = size_of(variable)
     return size if size == max((n or 1 for n in variable.shape), default=1) else None
 
 
@@ -322,7 +322,8 @@ def _in_groups(found: list[Guess], contents: Contents) -> list[Guess]:
     return found
 
 
-def _shape(variable: Variable) -> str:
+def shape_of(variable: Variable) -> str:
+    """Shape in print, such as `40 x ?`; empty for one number."""
     return " x ".join("?" if n is None else str(n) for n in variable.shape)
 
 
@@ -330,7 +331,8 @@ def _is_number(variable: Variable) -> bool:
     return variable.dtype.kind in "fiu"
 
 
-def _size(variable: Variable) -> int:
+def size_of(variable: Variable) -> int:
+    """Number of values, as far as the lengths of the axes are known."""
     return int(np.prod([n or 1 for n in variable.shape], dtype=np.int64))
 
 

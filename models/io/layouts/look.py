@@ -16,7 +16,7 @@ from .files import SourceFile, is_folder, kinds_of, names_below, source_files
 from .formats.contents import Contents, Variable
 from .formats.objects import REST
 from .formats.registry import ending, open_contents
-from .guess import Guess, array_guesses, column_guesses, name_pattern
+from .guess import Guess, array_guesses, column_guesses, name_pattern, shape_of, size_of
 from .mapping import TapMap
 
 _MOST_NAMES, _MOST_VARIABLES = 6, 40
@@ -81,7 +81,7 @@ def _inside(
 def _files(path: Path) -> Iterator[str]:
     """How many files of which endings, and some names."""
     if not is_folder(path):
-        yield f"{path}: a file of {_bytes(path)}."
+        yield f"{path}: a file of {in_bytes(path.stat().st_size)}."
         return
     names = names_below(path)
     kinds = Counter(ending(name) or "no ending" for name in names)
@@ -89,10 +89,6 @@ def _files(path: Path) -> Iterator[str]:
     yield from (f"  {name}" for name in names[:_MOST_NAMES])
     if len(names) > _MOST_NAMES:
         yield f"  ... and {len(names) - _MOST_NAMES} more"
-
-
-def _bytes(path: Path) -> str:
-    return in_bytes(path.stat().st_size)
 
 
 def _kind(paths: Sequence[Path]) -> str | None:
@@ -107,14 +103,11 @@ def _kind(paths: Sequence[Path]) -> str | None:
 
 def _read(contents: Contents) -> dict[str, NDArray[Any]]:
     """Columns, and the first arrays that are small together."""
-    sizes = np.cumsum([0 if contents.table else _known_bytes(each) for each in contents.variables.values()])
+    variables = contents.variables.values()
+    sizes = np.cumsum([0 if contents.table else size_of(each) * each.dtype.itemsize for each in variables])
     names = [name for name, size in zip(contents.variables, sizes.tolist(), strict=True) if size <= _SMALL]
     values = contents.read(names)[0]
     return {name: of for name, of in values.items() if isinstance(of, np.ndarray)}
-
-
-def _known_bytes(variable: Variable) -> int:
-    return int(np.prod([n or 1 for n in variable.shape], dtype=np.int64)) * variable.dtype.itemsize
 
 
 def _held(contents: Contents, values: Mapping[str, NDArray[Any]]) -> Iterator[str]:
@@ -123,7 +116,7 @@ def _held(contents: Contents, values: Mapping[str, NDArray[Any]]) -> Iterator[st
     width = max((len(name) for name in names), default=0)
     for name in names:
         variable = contents.variables[name]
-        parts = [] if contents.table else [" x ".join("?" if n is None else str(n) for n in variable.shape) or "one"]
+        parts = [] if contents.table else [shape_of(variable) or "one"]
         parts += [*([variable.unit] if variable.unit else []), *_summary(values.get(name), variable)]
         yield f"  {name:<{min(width, 40)}}  {', '.join(filter(None, parts))}"
     if len(contents.variables) > len(names):
