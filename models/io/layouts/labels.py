@@ -276,7 +276,7 @@ def distinct(values: NDArray[Any]) -> tuple[list[str], NDArray[np.intp], NDArray
     return texts[order].tolist(), starts[first[order]], np.repeat(np.argsort(order)[which], lengths)
 
 
-_LENGTHS_AND_ANGLES = {"m", "cm", "mm", "um", "µm", "μm", "nm", "in", "deg", "rad", "°"}
+_LENGTHS_AND_ANGLES = {"m", "cm", "mm", "um", "µm", "nm", "in", "deg", "rad", "°"}
 
 
 @cache

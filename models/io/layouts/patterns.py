@@ -7,11 +7,12 @@ from re import Pattern
 from ...errors import InputError
 
 _PIECE = re.compile(r"\{(\w*)\}|(\*\*/|\*\*)|(\*)|(\?)|([^*?{}]+)|(.)")
-_NUMBER = r"[^\W\d_]*[-+]?\d+(?:[.,]\d+)?[^\W\d_]*"
+_NUMBER = r"[^\W\d_]*[-+\u2212]?\d+(?:[.,]\d+)?[^\W\d_]*"
 """A number with letters around it, as of a unit."""
 _NUMBERS = ("where", "trial", "x", "y", "angle")
 _FIELDS = ("what", "session", "taxel", *_NUMBERS)
-_IN_TEXT = re.compile(r"((?:(?<![^\W_])[-+])?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?) ?([^\W\d_]*)")
+_IN_TEXT = re.compile(r"((?:(?<![^\W_])[-+])?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?) ?(°|[^\W\d_]*)")
+_SIGNS = str.maketrans("\u2212\u03bc", "-\u00b5")  # a minus, and the Greek letter that is written for micro
 _IN_THOUSANDS = re.compile(r"(?<![\d.,])[1-9]\d{0,2}(?:(?:,\d{3}){2,}(?![\d,])|,\d{3}(?=\.\d))")
 _UNCLEAR = re.compile(r"(?<![\d.,])[1-9]\d{0,2},\d{3}(?!\d|[.,]\d)")
 _TEMPLATE = re.compile(r"\{(\w+)\}")
@@ -82,7 +83,7 @@ def number_in(text: str) -> tuple[float, str] | None:
     """
     if unclear_comma(text):
         return None
-    whole = _IN_THOUSANDS.sub(lambda found: found[0].replace(",", ""), text)
+    whole = _IN_THOUSANDS.sub(lambda found: found[0].replace(",", ""), text.translate(_SIGNS))
     found = _IN_TEXT.findall(re.sub(r"(?<=\d),(?=\d)", ".", whole))
     return (float(found[0][0]), found[0][1]) if len(found) == 1 else None
 

@@ -115,6 +115,20 @@ def test_a_comma_that_may_separate_thousands_is_refused(tmp_path):
     assert found.where.tolist() == [1250.5, 0.125, 1250000, 1250.125]
 
 
+@pytest.mark.parametrize(
+    ("texts", "where", "unit"),
+    [
+        (("\u22123 mm", "+2mm"), [-3, 2], "mm"),
+        (("3 \u00b5m", "4 \u03bcm"), [3, 4], "\u00b5m"),
+        (("3\u00b0", "-4.5 \u00b0"), [3, -4.5], "\u00b0"),
+    ],
+)
+def test_signs_and_units_of_any_keyboard(texts, where, unit, tmp_path):
+    (tmp_path / "r.csv").write_text("a;pos\n" + "".join(f"1;{text}\n" for text in texts), encoding="utf-8")
+    taps = load_mapped(tmp_path / "r.csv", TapMap(taxels="a", tap="row", where="pos")).taps
+    assert (taps.where.tolist(), taps.where_unit) == (where, unit)
+
+
 @pytest.mark.parametrize("text", ["1_000", "nan", "inf", "1,2,3", "1.000,5"])
 def test_texts_that_python_takes_for_numbers_are_none(text, tmp_path):
     (tmp_path / "r.csv").write_text(f'a;pos\n1;2 mm\n1;"{text}"\n')
