@@ -110,7 +110,9 @@ def _play(
     z, k, on, ones = np.empty((M, L)), np.empty((M, L), np.int64), np.empty((M, L)), np.ones((M, L))
     where, what, used = np.empty(L), np.empty(M), np.full(len(table.rows), -1)
     for i in range(len(plan.what)):
-        z[:], k[:] = prior.z, prior.k
+        for m in range(M):
+            for l in range(L):
+                z[m, l], k[m, l] = prior.z[m, l], prior.k[m, l]
         settle(z, k, on)
         held, session = plan.what[i], plan.session[i]
         first, count, nearest = (

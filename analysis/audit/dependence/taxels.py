@@ -353,7 +353,8 @@ def _table_sums(
                                 for p in range(_SIDE_BY_SIDE):
                                     found[p] += sums[index[p]]
                                 index[:] = 0
-                total[g, start : start + here] = found[:here]
+                for p in range(here):
+                    total[g, start + p] = found[p]
                 g += 1
 
 
