@@ -95,6 +95,7 @@ def _xla_compiles_once() -> Iterator[Callable[[], None]]:
         config.update("jax_compilation_cache_dir", own)
         config.update("jax_persistent_cache_min_compile_time_secs", 0)
         config.update("jax_disable_most_optimizations", True)
+        config.update("jax_traceback_in_locations_limit", 0)  # where each operation comes from is read by nobody
         yield share
         share()
 

@@ -71,11 +71,9 @@ def touch_tables(model: TapModel) -> TouchTables:
     """The fitted model as float64 JAX arrays; requires x64 to be enabled."""
     form: Any = model.form
     if isinstance(form, MixtureForm):
-        form = StackedForm(jax.tree.map(lambda *parts: jnp.stack([jnp.asarray(part) for part in parts]), *form.parts))
+        form = StackedForm(jax.tree.map(lambda *parts: np.stack(parts), *form.parts))
     return TouchTables(
-        jax.tree.map(jnp.asarray, form),
-        jnp.asarray(model.edges),
-        jnp.asarray(np.where(model.trained, 0.0, -np.inf)),
+        *jax.device_put((form, model.edges, np.where(model.trained, 0.0, -np.inf))),  # `asarray` compiles each shape
         model.exponent,
     )
 
@@ -198,7 +196,7 @@ class NumpyroEngine:
         """
         seen = observed(self.model, tap)
         with jax.enable_x64(True):
-            posterior, log_evidence = _update(self.tables, jnp.asarray(log_belief), jnp.asarray(seen))
+            posterior, log_evidence = _update(self.tables, log_belief, seen)
             if not np.isfinite(log_evidence):
                 raise ZeroEvidenceError("The tap is impossible under every class with nonzero belief.")
             return np.asarray(posterior), float(log_evidence)
@@ -209,11 +207,10 @@ class NumpyroEngine:
         if not trained.all():
             around = hole_kernel(trained, int(delta), self.border)
             with jax.enable_x64(True):
-                return np.asarray(_predict_around(jnp.asarray(log_belief), *(jnp.asarray(part) for part in around), M))
+                return np.asarray(_predict_around(log_belief, *around, M))
         kernel = move_kernel(len(log_belief), int(delta), self.border)
         with jax.enable_x64(True):
-            arrays = jnp.asarray(log_belief), jnp.asarray(kernel.where), jnp.asarray(kernel.redraws_what)
-            return np.asarray(_predict(*arrays, M))
+            return np.asarray(_predict(log_belief, kernel.where, kernel.redraws_what, M))
 
 
 def check_kernel_border(border: str) -> None:
@@ -300,14 +297,14 @@ def _sequence_taps(
         impossible_bin = (_IMPOSSIBLE + likeliest.min()) / model.exponent
         counts = (seen[..., None] == np.arange(form.log_prob.shape[-1])).sum(axis=1)
         log_prob = np.where(np.isneginf(form.log_prob), impossible_bin, form.log_prob)
-        return CountedTaps(jnp.asarray(log_prob), jnp.asarray(counts, dtype=float))
+        return CountedTaps(*jax.device_put((log_prob, counts.astype(float))))
     least = (_IMPOSSIBLE + likeliest)[:, None, None] / model.exponent
-    weights = np.maximum(log_likelihoods(touch_tables(model), jnp.asarray(seen)), least)
+    weights = np.maximum(log_likelihoods(touch_tables(model), seen), least)
     weights = weights.reshape(len(taps), L, H // M, M)
     if not full:  # paths through holes must not outweigh others, whatever their tables hold
         most = likeliest[:, None, None, None] / model.exponent
         weights = np.where(model.trained[:, None], weights, most)
-    return WeighedTaps(jnp.asarray(np.moveaxis(weights, 2, 1)))
+    return WeighedTaps(jax.device_put(np.moveaxis(weights, 2, 1)))
 
 
 @jax.jit

@@ -60,8 +60,8 @@ def _by_samples(model: TapModel, form: Form, taps: NDArray[np.floating]) -> NDAr
 def _by_bins(model: TapModel, log_prob: NDArray[np.float64], taps: NDArray[np.floating]) -> NDArray[np.float64]:
     """As `log_likelihoods`, from the log probability of every bin of a sample at rest, shape (L, M, K, B)."""
     L, M, K, B = log_prob.shape
-    bins, plain = jnp.asarray(model.bins(taps)), jnp.asarray(log_prob).reshape(L * M, K, B)
-    edges = jnp.asarray(np.broadcast_to(model.edges, (K, B + 1)))
+    bins, plain = jax.device_put((model.bins(taps), log_prob.reshape(L * M, K, B)))
+    edges = jax.device_put(np.broadcast_to(model.edges, (K, B + 1)))
     parts = []
     for gain, offset in zip(model.states.gain.tolist(), model.states.offset.tolist(), strict=True):
         at_rest = gain == 1 and offset == 0
