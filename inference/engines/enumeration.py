@@ -72,10 +72,9 @@ def touch_tables(model: TapModel) -> TouchTables:
     form: Any = model.form
     if isinstance(form, MixtureForm):
         form = StackedForm(jax.tree.map(lambda *parts: np.stack(parts), *form.parts))
-    return TouchTables(
-        *jax.device_put((form, model.edges, np.where(model.trained, 0.0, -np.inf))),  # `asarray` compiles each shape
-        model.exponent,
-    )
+    # `asarray` would compile a program for every new shape.
+    form, edges, log_trained = jax.device_put((form, model.edges, np.where(model.trained, 0.0, -np.inf)))
+    return TouchTables(form, edges, log_trained, model.exponent)
 
 
 def observed(model: TapModel, taps: ArrayLike) -> NDArray[np.generic]:

@@ -4,7 +4,7 @@ The model's own function is run by NumPyro for one tap of one class, with bins i
 vectorised over classes and taps. Nothing is known of the model but the contract.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from itertools import chain
@@ -24,6 +24,7 @@ from .runs import (
     Given,
     Program,
     bin_table,
+    bin_tables,
     drawn,
     key_from,
     log_probability,
@@ -32,7 +33,8 @@ from .runs import (
     under_own,
 )
 
-_AT_ONCE = 1 << 22  # samples under classes that one step holds
+_AT_ONCE = 1 << 22  # samples under classes, or numbers of tables, that one step holds
+_DRAWS = 128  # of latent variables that one step makes tables of
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,14 +129,35 @@ class GenericForm:
 
         With training sessions, shape (L, S M, K, B).
         """
+        with jax.enable_x64(True):
+            session = tuple(self.sessions.tolist())
+            return self._by_class(np.asarray(bin_table(self.program, self.known[0], self._every_bin(edges), session)))
+
+    def tables(self, given: Sequence[Given], edges: NDArray[np.float64]) -> Iterator[NDArray[np.float64]]:
+        """As `table` at other values, D of them, shape (d, L, M, K, B) of some at a time."""
         L, M, _, K = self.program.batch.shape
         session = tuple(self.sessions.tolist())
+        step = int(np.clip(_AT_ONCE // (L * M * len(session) * K * (edges.shape[-1] - 1)), 1, min(len(given), _DRAWS)))
+        with jax.enable_x64(True):
+            bins = self._every_bin(edges)
+        for rows in _blocks(np.arange(len(given)), step):
+            padded = np.resize(rows, step).tolist()  # a last block of another size would be compiled anew
+            some = jax.tree.map(lambda *each: np.stack(each, dtype=np.float64), *(given[d] for d in padded))
+            with jax.enable_x64(True):
+                made = np.asarray(bin_tables(self.program, some, bins, session))
+            yield np.stack([self._by_class(one) for one in made[: len(rows)]])
+
+    def _every_bin(self, edges: NDArray[np.float64]) -> Binned:
+        """Every bin (1, B, K) in the units of the model."""
+        K = self.program.batch.shape[3]
         edges = np.broadcast_to(edges, (K, edges.shape[-1]))
         centres = 0.5 * (edges[:, :-1] + edges[:, 1:])
-        with jax.enable_x64(True):
-            bins = _before(_on_device(centres.T[None], edges), 1.0, 0.0, *self.scaling)
-            table = np.asarray(bin_table(self.program, self.known[0], bins, session))
-        by_class = table.reshape(len(session), L, M, -1, K).transpose(1, 0, 2, 4, 3)
+        return _before(_on_device(centres.T[None], edges), 1.0, 0.0, *self.scaling)
+
+    def _by_class(self, table: NDArray[np.float64]) -> NDArray[np.float64]:
+        """What `bin_table` returns, (S L M, B, K), in the shape of a table (L, S M, K, B)."""
+        L, M, _, K = self.program.batch.shape
+        by_class = table.reshape(-1, L, M, table.shape[1], K).transpose(1, 0, 2, 4, 3)
         return by_class.reshape(L, -1, *by_class.shape[3:])
 
     def own(

@@ -156,6 +156,12 @@ def bin_table(program: Program, given: Given, bins: Binned, session: tuple[int, 
     return jnp.broadcast_to(log_prob, (len(batch.where), *bins.samples.shape[1:]))[: len(where)]
 
 
+@partial(jax.jit, static_argnums=(0, 3))
+def bin_tables(program: Program, given: Given, bins: Binned, session: tuple[int, ...]) -> jax.Array:
+    """As `bin_table` at each of D values along the first axis of what is given, shape (D, S L M, B, K)."""
+    return jax.lax.map(lambda one: bin_table(program, one, bins, session), given)
+
+
 @partial(jax.jit, static_argnums=(0, 2, 6))
 def drawn(
     program: Program, given: Given, J: int, where: Any, what: Any, key: Any, session: tuple[int, ...]
@@ -194,4 +200,9 @@ def refuse_wrong(program: Program, log_prob: NDArray[np.float64], where: Any, wh
 
 def key_from(generator: np.random.Generator) -> jax.Array:
     """Key of JAX from a random generator."""
-    return jax.random.key(int(generator.integers(2**31)))
+    return jax.random.key(number_from(generator))
+
+
+def number_from(generator: np.random.Generator) -> int:
+    """Number of which `key_from` makes the key."""
+    return int(generator.integers(2**31))

@@ -18,11 +18,12 @@ from ...seeds import Purpose, generator
 from ..fits.posterior import Convergence, Posterior
 from ..likelihood.shapes import Parameters
 from .quantiles import at_quantiles
-from .runs import Program, key_from
+from .runs import Program, key_from, number_from
 from .structure import OBSERVED
 
 _TAILS = 2.0  # of a single variable: 128 points reach to 5 standard deviations of a normal prior
 _OUTERMOST = 1e-4  # of points, whose quantiles should still be numbers below 1
+_AT_ONCE = 128  # new sessions that one step draws
 
 
 class _Known(Messenger):
@@ -114,8 +115,31 @@ def in_new_sessions(
         generators: Random generators, D of them, of what has no quantiles.
         points: D of them.
     """
-    for own, point, known in zip(generators, points, latents, strict=True):
-        yield with_new_session(program, known, own, point)
+    numbers, step = [number_from(own) for own in generators], min(len(generators), _AT_ONCE)
+    for first in range(0, len(numbers), step):
+        some = range(first, min(first + step, len(numbers)))
+        padded = np.resize(some, step).tolist()  # a last block of another size would be compiled anew
+        known, at = _stacked([latents[d] for d in padded]), _stacked([points[d] for d in padded])
+        with jax.enable_x64(True):
+            made = _with_new_sessions(program, known, np.array([numbers[d] for d in padded]), at)
+        found = {name: np.asarray(values, dtype=np.float64) for name, values in made.items()}
+        for row in range(len(some)):
+            yield {name: values[row] for name, values in found.items()}
+
+
+def _stacked(each: Sequence[Parameters]) -> dict[str, NDArray[np.float64]]:
+    return {name: np.stack([np.asarray(one[name], dtype=np.float64) for one in each]) for name in each[0]}
+
+
+@partial(jax.jit, static_argnums=0)
+def _with_new_sessions(program: Program, latents: Any, number: jax.Array, quantiles: Any) -> dict[str, jax.Array]:
+    """As `_with_new_session`, for each along the first axes and with keys made of numbers."""
+
+    def each(own: Any) -> dict[str, jax.Array]:
+        known, number, point = own
+        return _with_new_session(program, known, jax.random.key(number), point)
+
+    return jax.lax.map(each, (latents, number, quantiles))
 
 
 def session_points(

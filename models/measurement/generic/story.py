@@ -1,6 +1,6 @@
 """A generative model that keeps the contract, as a measurement model: its fit, and the fitted model."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
@@ -213,7 +213,7 @@ class GenericModel(ModelOfParameters):
     @cached_property
     def plain_form(self) -> Form:
         """Likelihood form of the parameters; of a model with sessions, the mean over new ones."""
-        return mean_form([self.form_of(parameters) for parameters in self._in_new_sessions(tails=False)])
+        return mean_form(list(self._forms_of(self._in_new_sessions(tails=False))))
 
     def deciding_by(self, posterior: "Posterior", generators: Sequence[np.random.Generator]) -> Self:
         """As the base class; rare new sessions are among the draws, with their weights."""
@@ -236,7 +236,7 @@ class GenericModel(ModelOfParameters):
         """Likelihood forms of the draws, or of the parameters; with sessions one for each state."""
         if not self.program.structure.by_session:
             return super().deciding_forms
-        return [self.form_of(parameters) for parameters in self.decides_at]
+        return list(self._forms_of(self.decides_at))
 
     def integration_error(self, taps: NDArray[np.float64], own: "Own", episodes: Sequence[NDArray[np.intp]]) -> float:
         """Mean error of the log evidence of episodes in a new session, in nats, see `error_of_mean`.
@@ -251,7 +251,7 @@ class GenericModel(ModelOfParameters):
         rows, where = np.unique(np.concatenate(episodes), return_inverse=True)
         part = np.split(where, np.cumsum([len(one) for one in episodes])[:-1])
         known = OwnTaps(taps[rows], (own[0][rows], own[1][rows]), self.edges, self.states)
-        each = np.stack([known.log_probability(self.form_of(parameters)) for parameters in self.decides_at])
+        each = np.stack([known.log_probability(form) for form in self._forms_of(self.decides_at)])
         evidence = self.exponent * np.stack([each[:, rows].sum(axis=1) for rows in part], axis=1)
         return error_of_mean(evidence + self.states.log_prior[:, None] + np.log(len(evidence)))
 
@@ -303,17 +303,31 @@ class GenericModel(ModelOfParameters):
         (form,) = self.by_story(parameters)
         return self._checked(form)
 
+    def _forms_of(self, each: Sequence[Parameters]) -> Iterator[Form]:
+        """Likelihood forms of several parameters; their tables are made together."""
+        forms = [form for parameters in each for form in self.by_story(parameters)]
+        if not self.program.structure.exchangeable or len(forms) == 1:
+            yield from map(self._checked, forms)
+            return
+        for tables in forms[0].tables([form.given[0] for form in forms], self.edges):
+            self._refuse_wrong(tables)
+            yield from map(TableForm, tables)
+
     def _checked(self, form: "GenericForm") -> Form:
         """The form, as a table where samples are exchangeable."""
-        from .runs import refuse_wrong
-
         if not self.program.structure.exchangeable:
             return form
         table = form.table(self.edges)
-        (L, H), M = table.shape[:2], self.grid.M
-        known = np.where(np.tile(self.covered, H // M)[:, :, None, None], table, 0.0)
-        refuse_wrong(self.program, known, np.arange(L)[:, None, None, None], (np.arange(H) % M)[:, None, None])
+        self._refuse_wrong(table)
         return TableForm(table)
+
+    def _refuse_wrong(self, tables: NDArray[np.float64]) -> None:
+        """See `refuse_wrong`; of tables (..., L, H, K, B)."""
+        from .runs import refuse_wrong
+
+        (L, H), M = tables.shape[-4:-2], self.grid.M
+        known = np.where(np.tile(self.covered, H // M)[:, :, None, None], tables, 0.0)
+        refuse_wrong(self.program, known, np.arange(L)[:, None, None, None], (np.arange(H) % M)[:, None, None])
 
     def prior(self, posterior: Any) -> "Prior":  # noqa: ARG002 - as all models
         """Prior of its latent variables."""

@@ -18,7 +18,7 @@ from solidtouch.models.errors import InputError, NotConvergedError
 from solidtouch.models.io.model_file import load_model
 from solidtouch.models.measurement import registry
 from solidtouch.models.measurement.generic import fit as fits
-from solidtouch.models.measurement.generic import source
+from solidtouch.models.measurement.generic import form, sessions, source
 from solidtouch.models.measurement.generic.contract import StoryCall, StoryFunction, measurement_model
 from solidtouch.models.measurement.generic.form import GenericForm
 from solidtouch.models.measurement.generic.structure import structure_of
@@ -211,6 +211,25 @@ def test_a_new_session_is_drawn_from_its_prior(fitted, taps):
     states = model.log_likelihood(taps.taps)[np.arange(len(taps)), where].reshape(len(taps), len(parts), -1)
     found = logsumexp(states[np.arange(len(taps)), :, what] + model.states.log_prior, axis=1)
     np.testing.assert_allclose(found, mean, atol=0.1)  # of other draws, those of states with weights
+
+
+def test_draws_made_together_are_those_made_one_by_one(fitted, monkeypatch):
+    """New sessions and tables, three at a time, of which the last ones are fewer."""
+    model, S = fitted["shifted"].model, 7
+    monkeypatch.setattr(form, "_DRAWS", 3)
+    monkeypatch.setattr(sessions, "_AT_ONCE", 3)
+    own = [[np.random.default_rng(d) for d in range(S)] for _ in range(2)]
+    points = [{"shift": np.full((1, K), (d + 1) / (S + 1))} if d % 2 else {} for d in range(S)]
+    known = [{**model.parameters, "drift": np.array(0.1 * d + 0.1)} for d in range(S)]
+    for few in (slice(0, S, 2), slice(1, S, 2)):  # drawn freely, and at quantiles
+        made = list(sessions.in_new_sessions(model.program, known[few], own[0][few], points[few]))
+        assert len(made) == len(known[few])
+        forms = list(model._forms_of(made))
+        each = zip(made, forms, known[few], own[1][few], points[few], strict=True)
+        for together, made_form, *given in each:
+            alone = sessions.with_new_session(model.program, *given)
+            np.testing.assert_allclose(together["shift"], alone["shift"], rtol=1e-12)
+            np.testing.assert_allclose(made_form.log_prob, model.form_of(alone).log_prob, rtol=1e-12)
 
 
 def test_every_draw_has_a_new_session_of_its_own(taps):
