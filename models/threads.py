@@ -5,7 +5,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
 from contextlib import contextmanager
-from threading import Event, RLock, local
+from threading import Event, RLock, Thread, local
 from typing import Any
 
 from .errors import InputError
@@ -19,6 +19,7 @@ class _Here(local):
 
 
 _here, _numpyro = _Here(), RLock()
+_PATIENCE_S = 1.0
 
 
 @contextmanager
@@ -77,7 +78,7 @@ def in_order[T](
         first = waiting.popleft()
         return first.result() if isinstance(first, Future) else first()
 
-    with ThreadPoolExecutor(workers) as executor:
+    with other_threads(workers) as executor:
         try:
             for task in tasks:
                 waiting.append(task if alone(task) else executor.submit(work, task))
@@ -87,20 +88,24 @@ def in_order[T](
                 yield result()
         finally:
             unwanted[-1].set()
-            for future in waiting:
-                if isinstance(future, Future):
-                    future.cancel()
 
 
 @contextmanager
 def other_threads(workers: int) -> Iterator[ThreadPoolExecutor]:
-    """Threads for work beside that of this one; if the block fails, what has not begun is dropped."""
-    with ThreadPoolExecutor(workers) as executor:
-        try:
-            yield executor
-        except BaseException:
-            executor.shutdown(wait=False, cancel_futures=True)
-            raise
+    """Threads for work beside that of this one.
+
+    If the block fails, as by Ctrl-C, what has not begun is dropped, and what goes on is waited for a second at most.
+    """
+    executor = ThreadPoolExecutor(workers)
+    try:
+        yield executor
+    except BaseException:
+        executor.shutdown(wait=False, cancel_futures=True)
+        ending = Thread(target=executor.shutdown, daemon=True)
+        ending.start()
+        ending.join(_PATIENCE_S)
+        raise
+    executor.shutdown()
 
 
 @contextmanager

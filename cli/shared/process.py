@@ -16,6 +16,7 @@ from typing import Any
 _KEPT = "JAX_COMPILATION_CACHE_DIR"
 _SETTINGS = {"JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0", "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "-1"}
 _MOST_BYTES = 1 << 28
+_PATIENCE_S = 2.0
 
 
 def keep_programs() -> None:
@@ -62,14 +63,25 @@ def cache_folder() -> Path:
     return place / "solidtouch" / f"{machine()}-{blake2b(able.encode(), digest_size=8).hexdigest()}"
 
 
+def _end() -> None:
+    """Waits for threads and calls what is to be called at the end, as Python does."""
+    python: Any = threading, atexit
+    python[0]._shutdown()
+    python[1]._run_exitfuncs()
+
+
 def leave(code: int) -> None:
     """Ends the process as Python would, except that nothing is freed, which takes up to a second after JAX has run.
 
-    Returns if output cannot be written, to end in the usual way.
+    After a failure or Ctrl-C, threads that go on working are waited for two seconds at most. Returns if output cannot
+    be written, to end in the usual way.
     """
-    ending: Any = threading, atexit
-    ending[0]._shutdown()  # waits for threads, as Python does
-    ending[1]._run_exitfuncs()
+    if code:
+        ending = threading.Thread(target=_end, daemon=True)
+        ending.start()
+        ending.join(_PATIENCE_S)
+    else:
+        _end()
     folder = Path(os.environ.get(_KEPT, ""))
     if "jax" in sys.modules and folder == cache_folder():
         with suppress(OSError):

@@ -4,6 +4,7 @@ import gc
 import os
 import subprocess
 import sys
+import time
 import warnings
 from pathlib import Path
 
@@ -75,20 +76,25 @@ atexit.register(print, "at exit")
 threading.Thread(target=lambda: (time.sleep(0.2), print("thread"))).start()
 print("begun")
 {more}
-leave(3)
+leave({code})
 """
 
 
-def ended(more="", **options):
+def ended(more="", code=3, **options):
     return subprocess.run(
-        [sys.executable, "-c", END.format(more=more)], text=True, check=False, stderr=subprocess.PIPE, **options
+        [sys.executable, "-c", END.format(more=more, code=code)],
+        text=True,
+        check=False,
+        stderr=subprocess.PIPE,
+        **options,
     )
 
 
-def test_threads_and_functions_at_exit_have_run_and_nothing_is_freed():
-    done = ended(stdout=subprocess.PIPE)
+@pytest.mark.parametrize("code", [0, 3])
+def test_threads_and_functions_at_exit_have_run_and_nothing_is_freed(code):
+    done = ended(code=code, stdout=subprocess.PIPE)
 
-    assert (done.returncode, done.stdout, done.stderr) == (3, "begun\nthread\nat exit\n", "")
+    assert (done.returncode, done.stdout, done.stderr) == (code, "begun\nthread\nat exit\n", "")
 
 
 def test_output_that_cannot_be_written_is_told_as_python_does():
@@ -108,3 +114,36 @@ def test_programs_are_removed_when_they_have_become_many(kept):
     assert kept.exists()
     ended(more.format(99), env=env, stdout=subprocess.DEVNULL)
     assert not kept.exists()
+
+
+LONG = """
+import os, signal, sys, threading, time
+from solidtouch.cli.main import app, program
+from solidtouch.models.threads import in_order, other_threads
+
+@app.command()
+def long():
+    threading.Timer(0.5, os.kill, (os.getpid(), signal.SIGINT)).start()
+    {work}
+
+sys.argv = ["solidtouch", "long"]
+program()
+"""
+
+
+@pytest.mark.parametrize(
+    "work",
+    [
+        "list(in_order([lambda: time.sleep(60)] * 4, 2))",
+        "with other_threads(2) as threads: threads.submit(time.sleep, 60).result()",
+        "with other_threads(1) as threads: list(in_order([lambda: threads.submit(time.sleep, 60).result()] * 4, 2))",
+    ],
+)
+def test_nobody_waits_for_threads_after_an_interrupt(work):
+    """Though they are in compiled code that hears of nothing."""
+    start = time.monotonic()
+    done = subprocess.run([sys.executable, "-c", LONG.format(work=work)], capture_output=True, text=True, check=False)
+
+    assert done.returncode == 130
+    assert done.stderr == "solidtouch: interrupted; all files written are complete.\n"
+    assert time.monotonic() - start < 30
