@@ -138,6 +138,7 @@ class SamplePosterior(NamedTuple):
 
 FEWEST_PLACES = 3
 MOST_COVARIANCES = 1 << 26  # numbers in the covariances of all classes: 0.5 GiB, of which a fit takes several
+MOST_SLOPES = 10**10  # classes times taxels to the fourth power: about ten minutes of a core
 
 
 def check_cells(name: str, taps: Taps) -> None:
@@ -182,10 +183,18 @@ def check_taxels(name: str, taps: Taps) -> None:
     """Checks the taps of a model with correlated taxels.
 
     Raises:
-        InputError: There is one taxel, or on average less than two taps per class.
+        InputError: There is one taxel, or more than can be told from the others in minutes, or on average less than two
+            taps per class.
     """
-    if taps.samples.shape[2] == 1:
+    (L, M), K = taps.shape, taps.samples.shape[2]
+    if K == 1:
         raise InputError(f"{name} needs more than one taxel.")
+    if L * M * K**4 > MOST_SLOPES:
+        most = int((MOST_SLOPES / (L * M)) ** 0.25)
+        raise InputError(
+            f"{name} predicts each taxel from those before it, for each class; for {L * M} classes it takes at most "
+            f"{most} taxels, got {K}: use matrix-normal, or fewer taxels."
+        )
     _check_repeats(name, taps)
 
 

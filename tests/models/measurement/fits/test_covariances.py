@@ -9,7 +9,7 @@ from solidtouch.models.grid import ClassGrid
 from solidtouch.models.measurement import matrix_normal
 from solidtouch.models.measurement.fits import covariances
 from solidtouch.models.measurement.fits.covariances import MOST_TIES, shrinking_prior, strength_of_means
-from solidtouch.models.measurement.fits.posterior import MOST_COVARIANCES
+from solidtouch.models.measurement.fits.posterior import MOST_COVARIANCES, MOST_SLOPES
 from solidtouch.models.measurement.fits.priors import Taps
 from solidtouch.models.measurement.registry import fit_model
 from solidtouch.models.preprocessing import Preprocessing
@@ -152,3 +152,11 @@ def test_too_many_features_are_refused():
     grid: ClassGrid = taps.grid()
     with pytest.raises(InputError, match=f"for 2 classes it takes at most {K - 1} taxels, got {K}"):
         fit_model("matrix-normal", taps, grid, FitSettings(bins=2))
+
+
+def test_too_many_taxels_to_predict_each_from_the_others_are_refused():
+    """With the number that would do."""
+    K = int((MOST_SLOPES / 2) ** 0.25) + 1
+    taps = TapSet.from_arrays(np.zeros((4, 2, K)), [0, 0, 1, 1], ["a", "b"], preprocessing=Preprocessing(samples=2))
+    with pytest.raises(InputError, match=f"for 2 classes it takes at most {K - 1} taxels, got {K}: use matrix-normal"):
+        fit_model("profile-mvn", taps, taps.grid(), FitSettings(bins=2))
