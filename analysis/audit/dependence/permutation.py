@@ -343,11 +343,15 @@ def ratio(value: Floats, weight: Floats, resample: Floats | None = None) -> Floa
 
 
 def percentiles(values: Floats, strata: int) -> tuple[Floats, Floats]:
-    """Percentile interval over resamples, the first axis.
+    """Percentile interval over resamples, the first of two axes.
 
     NaN resamples are left out; where they are more than one in twenty, or strata fewer than `FEWEST_STRATA`, it is NaN.
     """
     tail = (1 - CONFIDENCE) / 2
     enough = np.isfinite(values).mean(axis=0) >= (_DEFINED if strata >= FEWEST_STRATA else np.inf)
-    low, high = np.nanquantile(np.where(enough, values, 0.0), [tail, 1 - tail], axis=0)
-    return np.where(enough, low, np.nan), np.where(enough, high, np.nan)
+    low, high = np.full((2, values.shape[1]), np.nan)
+    whole = np.isfinite(values).all(axis=0)
+    for some, quantile in ((enough & whole, np.quantile), (enough & ~whole, np.nanquantile)):  # the latter is slow
+        if some.any():
+            low[some], high[some] = quantile(values[:, some], [tail, 1 - tail], axis=0)
+    return low, high

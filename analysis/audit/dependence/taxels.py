@@ -46,6 +46,7 @@ BINS = 4
 LEAST_TAPS = (2, 4, 4)  # of a stratum, below which a test says nothing
 _MOST_TAPS = 300  # of a stratum whose distances are taken: their number grows with the square
 _DISTANCE_WORK = 2.5e10  # products of distances in all permutations, some seconds
+_PAIRS_AT_ONCE = 4096  # of taxels, whose effects are resampled together
 _FEWEST_PERMUTATIONS = 199
 _NO_DISTANCE = 1e-9
 _WORD = 32  # taps of a mask that lie in one number
@@ -377,6 +378,20 @@ def _empty(K: int, live: NDArray[np.intp], alpha: float, seed: int) -> xr.Datase
     return xr.Dataset(variables, coords, {"alpha": alpha, "seed": seed})
 
 
+def _resampled(observed: Floats, weight: Floats, seed: int) -> tuple[Floats, Floats, Floats]:
+    """Intervals of the effects over resampled strata, shapes (G,), and mean absolute effects of each resample, (R,)."""
+    resample, pairs = bootstrap_weights(len(weight), seed), weight.shape[1]
+    low, high = np.empty((2, pairs))
+    total, number = np.zeros((2, len(resample)))
+    for start in range(0, pairs, _PAIRS_AT_ONCE):
+        some = slice(start, start + _PAIRS_AT_ONCE)
+        effect = ratio(observed[:, some], weight[:, some], resample)
+        low[some], high[some] = percentiles(effect, len(weight))
+        total += np.nansum(np.abs(effect), axis=1)
+        number += np.isfinite(effect).sum(axis=1)
+    return low, high, total / np.where(number > 0, number, np.nan)
+
+
 def _fill(
     result: xr.Dataset,
     t: int,
@@ -396,8 +411,7 @@ def _fill(
         observed = observed - expected
     test = permutation_test(total, two_sided=TESTS[t] == "rank")
     effect = ratio(observed, weight)
-    resamples = ratio(observed, weight, bootstrap_weights(len(weight), int(result.attrs["seed"])))
-    low, high = percentiles(resamples, len(weight))
+    low, high, spread = _resampled(observed, weight, int(result.attrs["seed"]))
     q = false_discovery(test.p)
     rejected = q <= result.attrs["alpha"]
     named = {"effect": effect, "effect_low": low, "effect_high": high, "z": test.z, "p": test.p, "q": q}
@@ -409,7 +423,7 @@ def _fill(
         counted, 1
     )
     null = (total[:, 1:] - total[:, 1:].mean(axis=1, keepdims=True)) / weight.sum(axis=0)[:, np.newaxis]
-    mean, spread = np.abs(effect).mean(), np.nanmean(np.abs(resamples), axis=1)
+    mean = np.abs(effect).mean()
     below, above = (float(end[0]) for end in percentiles(spread[:, np.newaxis], len(weight)))
     one = {
         "family_z": test.family_z,
