@@ -122,7 +122,7 @@ def segment(recording: Recording, preprocessing: Preprocessing, presses: Presses
 def _broken(recording: Recording) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Whether a stream begins at each row by its labels, and by a gap; two arrays of shape (S,)."""
     if recording.file is None:
-        raise InputError("the taps are already cut; trigger (--trigger) is for continuous streams.")
+        raise InputError("the taps are already cut; only continuous streams can be.")
     keys = np.stack([np.asarray(recording.file), recording.labels.session, recording.labels.what])
     known = np.concatenate([[True], (keys[:, 1:] != keys[:, :-1]).any(axis=0)])
     if recording.time is None:
@@ -189,5 +189,7 @@ def _why(
         return f"{counted(incomplete, 'tap')} cut short by the start or end of a stream{given_up}"
     if preprocessing.trigger == "contact":
         low, high = recording.samples.min(), recording.samples.max()
-        return f"the level is {preprocessing.trigger_level:g} and the values as stored span {low:g} to {high:g}"
+        return (
+            f"the level (--level) is {preprocessing.trigger_level:g} and the values as stored span {low:g} to {high:g}"
+        )
     return f"a tap takes {preprocessing.samples} frames"

@@ -141,7 +141,10 @@ def test_what_is_left_out_is_said(tmp_path):
             ("--segment", "--window", 4, "--trigger", "clock", "--level", 2),
             r"level \(--level\) 2.0 requires trigger \(--trigger\) or align",
         ),
-        ((*CUT, "--level", 300), r"stream\.csv: no tap found in 1 stream: the level is 300"),
+        (
+            (*CUT, "--level", 300),
+            r"stream\.csv: trigger \(--trigger\) contact: no tap found in 1 stream: the level \(--level\) is 300",
+        ),
         ((*CUT, "--rate", 0), "--rate must be a positive number or none, got 0"),
         ((), "cut them into taps with solidtouch convert --trigger"),
         ((*CUT, "--what-unit", "mm"), r"\(--what-unit\) was given"),

@@ -91,12 +91,12 @@ def cut_streams(recording: Recording, how: TapMap, presses: Presses | None = Non
     left_out = _dead(recording) if "dead" in how.leave_out else None  # one that is always in contact begins no tap
     if left_out is not None:
         record, told = replace(record, taxels=left_out.used), (left_out.sentence(),)
-    cut = segment(recording, record, presses)
-    useless = _useless(cut.taps, how)
-    if useless is not None:
-        used = range(recording.samples.shape[1]) if record.taxels is None else record.taxels
-        told = (*told, useless.sentence([str(k) for k in used]))
-        cut = segment(recording, replace(record, taxels=tuple(used[k] for k in useless.used)), presses)
+    with naming(f"{option('trigger')} {how.trigger}"):
+        cut = segment(recording, record, presses)
+        if (useless := _useless(cut.taps, how)) is not None:
+            used = range(recording.samples.shape[1]) if record.taxels is None else record.taxels
+            told = (*told, useless.sentence([str(k) for k in used]))
+            cut = segment(recording, replace(record, taxels=tuple(used[k] for k in useless.used)), presses)
     return cut.taps, (*cut.told, *told)
 
 

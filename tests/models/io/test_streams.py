@@ -92,7 +92,7 @@ def test_a_table_of_positions_survives_where_given():
         (
             [(0, 0, pulses([]))],
             CONTACT,
-            "no tap found in 1 stream: the level is 2 and the values as stored span 0 to 0",
+            r"no tap found in 1 stream: the level \(--level\) is 2 and the values as stored span 0 to 0",
         ),
         ([(0, 0, pulses([28]))], CONTACT, "1 tap cut short"),
         ([(0, 0, pulses([3]))], Preprocessing(samples=4), "needs? a trigger|clock, contact or press trigger"),

@@ -71,7 +71,7 @@ def refused(source, **keys):
             {"tap": None, "trigger": "events", "events": "events.csv:at", "window": 2},
             "events (--events): events: numbers",
         ),
-        ({"tap": "n", "trigger": "clock", "window": 2}, "trigger (--trigger) is for continuous streams"),
+        ({"tap": "n", "trigger": "clock", "window": 2}, "trigger (--trigger) clock: the taps are already cut"),
     ],
 )
 def test_of_a_table(keys, message, table):
