@@ -236,6 +236,7 @@ def array_guesses(contents: Contents, values: Mapping[str, NDArray[Any]]) -> lis
     found = [Guess("taps", name, "the largest array of numbers")]
     if rank == 2 and axis == 0 and times and _increases(values.get(times[0], np.zeros(1))):
         found.append(Guess("time", times[0], f"its name, and one rising value for each of {length} rows"))
+        found.append(Guess("axes", "sample,taxel", "as each row has a time"))
     elif rank != 3 or axis:
         found.append(Guess("axes", _axes(rank, axis), f"shape {shape_of(signal)}; check which axis is which"))
     if None in signal.shape[1:]:

@@ -73,7 +73,7 @@ def _inside(
     inside = [guess for guess in found if guess.key not in named and not (guess.key == "tap" and "trial" in named)]
     yield from inside
     keys = named | {guess.key for guess in inside}
-    cut = {"tap", "taps"} if contents.table else {"tap", "axes"} if "time" in keys else keys
+    cut = {"tap", "taps"} if contents.table else {"tap"} if "time" in keys else keys
     if not keys & cut and several and keys & {"trial", "what"}:
         yield Guess("tap", "file", "each file is one tap, if it is")
 

@@ -19,6 +19,7 @@ ARRAYS = {
         "where": [1, 1, 2, 2],
         "positions": [0.5, 1.5],
     },
+    "frames": {"x": np.zeros((9, 2)), "time": np.arange(9.0)},
     "scalars alone": {"a": 1.0, "b": 2},
     "texts alone": {"a": [b"x", b"y"]},
     "complex": {"a": np.zeros(3, complex)},
@@ -50,6 +51,8 @@ def test_of_arrays(kind, tmp_path):
     text, how = looked(tmp_path, [tmp_path / "r.h5"])
 
     assert "\n# With this map: " in text
+    if kind == "frames":
+        assert "9 frames of streams: cut them with trigger, 2 taxels" in text
     if kind == "indices from 1":
         assert (how.what_names, how.where_values, how.one_based) == ("names", "positions", True)
         assert "4 taps, 5 samples x 3 taxels, 2 objects, 2 positions" in text
