@@ -62,9 +62,11 @@ MAP_OPTIONS: dict[str, Any] = {
         "Columns that are taxels: names, patterns such as 'Signal*' or a slice such as 3:15; repeatable.",
         "COLUMNS",
     ),
-    "taps": _option(_Text, _SAMPLES, "Array that holds the samples.", "ARRAY", parser=_parts),
+    "taps": _option(list[str] | None, _SAMPLES, "Array that holds the samples; several are side by side.", "ARRAY"),
     "axes": _option(_Text, _SAMPLES, "Its axes, such as what,trial,sample,taxel.", "AXES"),
-    "tap": _option(_Text, _SAMPLES, "Column that numbers the taps; file or row: each of them is one.", "COLUMN"),
+    "tap": _option(
+        list[str] | None, _SAMPLES, "Column that numbers the taps; file or row: each is one; repeatable.", "COLUMN"
+    ),
     "keep": _option(_Text, _SAMPLES, "Rows or taps that are kept, such as 'valid=1' or 'force>0.2'.", "CONDITION"),
     "length": _option(
         Any, _SAMPLES, "Length of taps that differ in length: shortest, longest or N samples.", "N", parser=_length

@@ -63,7 +63,7 @@ class TapMap(Checked, frozen=True, kw_only=True):
         taxels: Columns that are taxels, or a slice of the taxels of `taps`.
         taps: Array of the samples.
         axes: Its axes, separated by commas.
-        tap: Column that numbers the taps, `"file"` or `"row"`; `"restart:COLUMN"` or `"ends:ARRAY"`.
+        tap: Column that numbers the taps, or several, `"file"` or `"row"`; `"restart:COLUMN"` or `"ends:ARRAY"`.
         keep: Which rows or taps are kept, by a column.
         time: Column or array of times.
         time_unit: Its unit.
@@ -115,7 +115,7 @@ class TapMap(Checked, frozen=True, kw_only=True):
     taxels: Names | None = None
     taps: Names | None = None
     axes: str | None = None
-    tap: str | None = None
+    tap: Names | None = None
     keep: str | None = None
     time: str | None = None
     time_unit: Annotated[TimeUnit | None, wanted("s, ms, us or ns")] = None
@@ -154,10 +154,11 @@ class TapMap(Checked, frozen=True, kw_only=True):
     citation: str | None = None
 
     def __post_init__(self) -> None:
-        """Checks every value; a list of one position is that one, and one further array or kind of taxels a list."""
+        """Checks every value; a list of one source or array is that one; one further array or kind of taxels a list."""
         super().__post_init__()
-        if isinstance(self.where, tuple) and len(self.where) == 1:
-            force_setattr(self, "where", self.where[0])
+        for key in ("where", "tap", "taps"):
+            if isinstance(several := getattr(self, key), tuple) and len(several) == 1:
+                force_setattr(self, key, several[0])
         if isinstance(self.where, tuple) and not 0 < len(self.where) <= len(PLANE):
             raise SettingError("where", f"must be one source, or x, y and an angle, got {len(self.where)}.")
         for key in ("extra", "leave_out"):

@@ -17,7 +17,7 @@ from .formats.registry import open_contents
 from .labels import Label, LabelSource, LabelTables, as_known, label_of, label_source, needed
 from .mapping import EXTRA, LABELS, PLANE, TapMap, option
 from .patterns import compiled_pattern, filled, is_pattern, natural
-from .rows import among_kept, check_labels, check_numbers, condition, kept, tap_column, tap_starts
+from .rows import among_kept, check_labels, check_numbers, condition, kept, tap_columns, tap_starts
 from .signal import Signal, arranged, side_by_side, split_frames
 
 _UNITS = {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
@@ -181,7 +181,7 @@ class _Rows:
         labels: Of each row, or the same for all.
         time_s: Times, if known.
         rises: Signal that rises at each press, if any.
-        number: Of the tap of each row, or of the row within it, if a column tells.
+        numbers: Of the tap of each row, or of the row within it, as columns tell.
     """
 
     signal: Signal
@@ -189,7 +189,7 @@ class _Rows:
     labels: Mapping[str, Label]
     time_s: NDArray[np.float64] | None
     rises: NDArray[Any] | None
-    number: NDArray[Any] | None
+    numbers: tuple[NDArray[Any], ...]
 
     def select(self, rows: NDArray[Any], signal: Signal) -> "_Rows":
         """Some rows alone, with their samples."""
@@ -198,7 +198,8 @@ class _Rows:
             return of[rows] if isinstance(of, np.ndarray) and len(of) == len(self.which) else of
 
         labels = {key: some(of) for key, of in self.labels.items()}
-        return _Rows(signal, self.which[rows], labels, some(self.time_s), some(self.rises), some(self.number))
+        numbers = tuple(map(some, self.numbers))
+        return _Rows(signal, self.which[rows], labels, some(self.time_s), some(self.rises), numbers)
 
 
 def _of_columns(file: SourceFile, contents: Contents, how: TapMap, first: FirstColumns) -> _Read:
@@ -233,8 +234,8 @@ def _of_arrays(file: SourceFile, names: Sequence[str], contents: Contents, how: 
 def _further(how: TapMap, sources: Mapping[str, LabelSource], file: SourceFile, contents: Contents) -> list[str]:
     """Variables that are needed beside the samples."""
     found = needed(list(sources.values()), file.fields, contents)
-    named = {"time": how.time, "tap": tap_column(how), "keep": condition(how)[0], "signal": how.signal}
-    for key, name in (named | _tables(how)).items():
+    named = [("time", how.time), ("keep", condition(how)[0]), ("signal", how.signal), *_tables(how).items()]
+    for key, name in [*named, *(("tap", name) for name in tap_columns(how))]:
         if name:
             with naming(option(key)):
                 found.append(contents.named(filled(name, file.fields)))
@@ -270,17 +271,19 @@ def _rows(read: _Read, sources: Mapping[str, LabelSource], tables: LabelTables) 
     for key, source in sources.items():
         label = label_of(source, read.file, read.contents, read.values, tables, whole)
         labels[key] = as_known(label) if key.startswith(EXTRA) and isinstance(label, np.ndarray | str) else label
-    column = tap_column(how)
-    number = None if column is None or (how.tap or "").startswith("ends:") else np.asarray(read.of(column))
+    numbers = () if _has_ends(how) else tuple(np.asarray(read.of(column)) for column in tap_columns(how))
     rises = None if how.signal is None else np.asarray(read.of(how.signal))
-    return _Rows(read.signal, np.arange(whole), labels, _times(read), rises, number)
+    return _Rows(read.signal, np.arange(whole), labels, _times(read), rises, numbers)
+
+
+def _has_ends(how: TapMap) -> bool:
+    return isinstance(how.tap, str) and how.tap.startswith("ends:")
 
 
 def _starts(read: _Read, rows: _Rows) -> NDArray[np.intp] | None:
     """First row of each tap, kept or not; `None` for a stream."""
-    column = tap_column(read.how)
-    ends = np.asarray(read.of(column)) if column is not None and rows.number is None else None
-    return tap_starts(len(rows.which), read.how, rows.number, ends, rows.labels)
+    ends = np.asarray(read.of(tap_columns(read.how)[0])) if _has_ends(read.how) else None
+    return tap_starts(len(rows.which), read.how, rows.numbers, ends)
 
 
 def _checked(read: _Read, rows: _Rows, missing: Missing) -> Signal:
@@ -304,9 +307,9 @@ def _check_rows(read: _Read, rows: _Rows, starts: NDArray[np.intp] | None) -> No
     def place(row: int) -> str:
         return read.place(int(rows.which[row]))
 
-    if starts is not None and rows.number is not None:
-        check_numbers(how, rows.number, starts, rows.labels, place)
-    check_labels(rows.labels, len(rows.which), starts, place)
+    if starts is not None and rows.numbers:
+        check_numbers(how, rows.numbers, starts, rows.labels, place)
+    check_labels(how, rows.labels, len(rows.which), starts, place)
 
 
 def _label_units(sources: Mapping[str, LabelSource], file: SourceFile, contents: Contents) -> dict[str, str]:

@@ -2,29 +2,36 @@
 
 import operator
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...cutting.presses import numbers_or_truths
+from ...cutting.sessions import number_by_date
 from ...errors import InputError
 from ..recording import runs
 from .formats.text_header import MISSING
-from .labels import Label, as_known, as_numbers, as_texts
-from .mapping import LABELS, TapMap, option
+from .labels import Label, as_known, as_numbers, as_texts, label_source
+from .mapping import LABELS, PLANE, TapMap, option
 
 _CONDITION = re.compile(r"(.+?)(!=|==|<=|>=|=|<|>)(.*)")
 _EQUAL = {"=": operator.eq, "==": operator.eq, "!=": operator.ne}
 _COMPARED = _EQUAL | {"<": operator.lt, ">": operator.gt, "<=": operator.le, ">=": operator.ge}
 
 
-def tap_column(how: TapMap) -> str | None:
-    """Column or array that says which rows are a tap."""
+def tap_columns(how: TapMap) -> tuple[str, ...]:
+    """Columns that say which rows are a tap, or the array."""
     if how.tap is None or how.tap in ("file", "row"):
-        return None
-    return how.tap.removeprefix("restart:").removeprefix("ends:").removeprefix("column:")
+        return ()
+    names = (how.tap,) if isinstance(how.tap, str) else how.tap
+    return tuple(name.removeprefix("restart:").removeprefix("ends:").removeprefix("column:") for name in names)
+
+
+def counts_in_taps(how: TapMap) -> bool:
+    """Whether the column of a map counts the rows of each tap anew."""
+    return isinstance(how.tap, str) and how.tap.startswith("restart:")
 
 
 def condition(how: TapMap) -> tuple[str, str, str]:
@@ -65,18 +72,16 @@ def kept(how: TapMap, column: NDArray[Any], rows: int) -> NDArray[np.bool_]:
 def tap_starts(
     rows: int,
     how: TapMap,
-    number: NDArray[Any] | None,
+    numbers: Sequence[NDArray[Any]],
     ends: NDArray[Any] | None,
-    labels: Mapping[str, Label],
 ) -> NDArray[np.intp] | None:
     """First row of each tap, `None` for a stream.
 
     Args:
         rows: How many there are, kept or not.
         how: The map.
-        number: Number of each row's tap, shape (rows,), or of the row within it, if a column tells.
+        numbers: Columns that tell: numbers of each row's tap, each of shape (rows,), or of the row within it.
         ends: Ends of the taps, if an array tells.
-        labels: A tap ends where one of these changes.
 
     Raises:
         InputError: The column or array does not fit.
@@ -88,14 +93,15 @@ def tap_starts(
     if how.tap == "file":
         return np.zeros(1, dtype=np.intp)
     if ends is not None:
-        return _before(ends, rows, how.tap)
-    if number is None or number.shape != (rows,):
-        raise InputError(f"tap (--tap) {how.tap!r}: expected one number for each of {rows} rows.")
-    if how.tap.startswith("restart:"):
-        known = np.flatnonzero(~_missing(number))
-        count, _ = as_numbers("tap", number[known])
+        return _before(ends, rows, tap_columns(how)[0])
+    for number, name in zip(numbers, tap_columns(how), strict=True):
+        if number.shape != (rows,):
+            raise InputError(f"tap (--tap) {name}: expected one number for each of {rows} rows, got {number.shape}.")
+    if counts_in_taps(how):
+        known = np.flatnonzero(~_missing(numbers[0]))
+        count, _ = as_numbers("tap", numbers[0][known])
         return np.concatenate([[0], known[1:][np.diff(count) <= 0]]).astype(np.intp)
-    return runs(number, *_changing(labels, rows))
+    return runs(*numbers)
 
 
 def among_kept(starts: NDArray[np.intp], kept_rows: NDArray[np.intp], rows: int) -> NDArray[np.intp]:
@@ -111,16 +117,18 @@ def among_kept(starts: NDArray[np.intp], kept_rows: NDArray[np.intp], rows: int)
 
 def check_numbers(
     how: TapMap,
-    number: NDArray[Any],
+    numbers: Sequence[NDArray[Any]],
     starts: NDArray[np.intp],
     labels: Mapping[str, Label],
     place: Callable[[int], str],
 ) -> None:
     """Checks that each row has a number, and that the rows of a tap follow one another.
 
+    Numbers may come again with other labels, as where they count the taps of each object.
+
     Args:
         how: The map.
-        number: As for `tap_starts`, of the rows that are kept.
+        numbers: As for `tap_starts`, of the rows that are kept.
         starts: First row of each tap among these.
         labels: Of these rows.
         place: Where one of them stands.
@@ -128,22 +136,25 @@ def check_numbers(
     Raises:
         InputError: A number is missing or a tap is in two places; the message names the row.
     """
-    missing = np.flatnonzero(_missing(number))
-    if len(missing):
-        raise InputError(
-            f"{place(int(missing[0]))}: tap (--tap) {how.tap!r} has no number; leave such rows out with keep (--keep)."
-        )
-    if how.tap is None or how.tap.startswith("restart:"):
+    for number, name in zip(numbers, tap_columns(how), strict=True):
+        missing = np.flatnonzero(_missing(number))
+        if len(missing):
+            raise InputError(
+                f"{place(int(missing[0]))}: tap (--tap) {name} has no number; leave such rows out with keep (--keep)."
+            )
+    if counts_in_taps(how):
         return
     seen: set[tuple[Any, ...]] = set()
-    changing = [of[starts].tolist() for of in (number, *_changing(labels, len(number)))]
+    changing = [of[starts].tolist() for of in (*numbers, *_changing(labels, len(numbers[0])))]
     for start, *each in zip(starts.tolist(), *changing, strict=True):
         key = tuple(each)
         if key in seen:
-            again = as_texts(number[start : start + 1])[0]
+            again = ", ".join(as_texts(number[start : start + 1])[0] for number in numbers)
+            names = ", ".join(tap_columns(how))
             raise InputError(
-                f"{place(start)}: tap (--tap) {how.tap!r} is {again} again after another tap; rows of a tap must "
-                "follow one another; of a column that counts within taps say restart:COLUMN."
+                f"{place(start)}: tap (--tap) {names} is {again} again after another tap; rows of a "
+                "tap must follow one another. Leave rows between taps out with keep (--keep); of a column that counts within "
+                "taps say restart:COLUMN."
             )
         seen.add(key)
 
@@ -165,7 +176,11 @@ def _before(ends: NDArray[Any], rows: int, tap: str) -> NDArray[np.intp]:
 
 
 def check_labels(
-    labels: Mapping[str, Label], rows: int, starts: NDArray[np.intp] | None, place: Callable[[int], str]
+    how: TapMap,
+    labels: Mapping[str, Label],
+    rows: int,
+    starts: NDArray[np.intp] | None,
+    place: Callable[[int], str],
 ) -> None:
     """Checks that labels of rows are as many, and do not change within a tap.
 
@@ -178,9 +193,30 @@ def check_labels(
         if len(values) != rows:
             raise InputError(f"{option(key)} has {len(values)} values for {rows} rows.")
         if starts is not None:
-            changes = np.setdiff1d(np.flatnonzero(values[1:] != values[:-1]) + 1, starts)
-            missing = (values[changes] != values[changes]) & (values[changes - 1] != values[changes - 1])
+            told = _compared(key, values, how)
+            changes = np.setdiff1d(np.flatnonzero(told[1:] != told[:-1]) + 1, starts)
+            missing = (told[changes] != told[changes]) & (told[changes - 1] != told[changes - 1])
             bad = changes[~missing]
             if len(bad):
                 before, after = as_texts(values[bad[0] - 1 : bad[0] + 1])
-                raise InputError(f"{place(int(bad[0]))}: {option(key)} changes within a tap from {before} to {after}.")
+                raise InputError(
+                    f"{place(int(bad[0]))}: {option(key)} changes within a tap from {before} to {after}"
+                    f"{_way_out(key, how)}."
+                )
+
+
+def _compared(key: str, values: NDArray[Any], how: TapMap) -> NDArray[Any]:
+    """Labels as a tap has them: positions rounded, dates without times."""
+    if how.where_round is not None and key in ("where", *PLANE):
+        return np.round(as_numbers(key, values)[0] / how.where_round)
+    if key == "session" and how.session is not None and label_source(key, how.session).kind == "date":
+        return number_by_date(values)
+    return values
+
+
+def _way_out(key: str, how: TapMap) -> str:
+    if key in ("where", *PLANE) and how.where_round is None:
+        return "; round it with where_round (--where-round) if it is measured"
+    if tap_columns(how) and not counts_in_taps(how):
+        return "; if another tap begins there, tap (--tap) must name a column that tells, beside the first"
+    return ""

@@ -90,7 +90,7 @@ def test_of_a_table(keys, message, table):
         ({"where": ["nan", "side"]}, "where (--where) x: 'nan' of tap 2 of h.h5 is not one number."),
         (
             {"taps": "frames", "tap": "ends:half_ends"},
-            "h.h5: tap (--tap) 'ends:half_ends': its whole numbers must rise",
+            "h.h5: tap (--tap) 'half_ends': its whole numbers must rise",
         ),
         ({"taps": "frames", "tap": "ends:nan_ends"}, "h.h5: tap (--tap): 'nan' of entry 1 is not one number"),
         ({"taps": "frames", "tap": "ends:word_ends"}, "h.h5: tap (--tap): 'a' of entry 0 is not one number"),

@@ -39,7 +39,7 @@ def test_rows_that_are_not_kept_need_no_number(tmp_path):
 
 def test_two_taps_of_one_number_are_not_joined_where_what_is_between_is_not_kept(tmp_path):
     rows = [(1, "on", 1), (1, "on", 2), (0, "off", 3), (1, "on", 5), (1, "on", 6)]
-    assert "line 5: tap (--tap) 'count' is 1 again after another tap" in refused(
+    assert "line 5: tap (--tap) count is 1 again after another tap" in refused(
         tmp_path, rows, tap="count", keep="phase=on"
     )
 
@@ -63,3 +63,45 @@ def test_rows_are_kept_by_any_comparison_and_by_truth_in_words(tmp_path):
         ("phase!=True", [2, 4]),
     ):
         assert taps_of(tmp_path, rows, tap="file", keep=keep) == [found]
+
+
+ENCODER = "day,thing,at,press,p\n" + "".join(
+    f"2026-01-0{1 + tap // 2}T10:00:0{sample},{'ab'[tap % 2]},{tap + sample / 1000},{tap // 2},{10 * tap + sample}\n"
+    for tap in range(4)
+    for sample in range(3)
+)
+KEYS = {"taxels": "p", "tap": ("thing", "press"), "what": "thing", "session": "date:day", "where": "at"}
+
+
+def test_labels_that_are_measured_or_times_are_one_for_each_tap(tmp_path):
+    """Where they are rounded, and of times the day."""
+    (tmp_path / "a.csv").write_text(ENCODER, encoding="utf-8")
+    taps = load_mapped(tmp_path / "a.csv", TapMap(**KEYS, where_round=1.0)).taps
+
+    assert taps.taps[:, :, 0].tolist() == [[10 * tap + sample for sample in range(3)] for tap in range(4)]
+    assert (taps.where.tolist(), taps.session.tolist()) == ([0, 1, 2, 3], [0, 0, 1, 1])
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        (
+            {},
+            r"line 3: where \(--where\) changes within a tap from 0.0 to 0.001; round it with",
+        ),
+        (
+            {"where": None, "tap": "press"},
+            r"line 5: what \(--what\) changes within a tap from a to b; if another",
+        ),
+        (
+            {"where": None, "session": "day"},
+            r"line 3: session \(--session\) changes within a tap from 2026-01-01T10",
+        ),
+        ({"where": None, "tap": ("thing", "pres")}, r"tap \(--tap\): no column pres; there is press"),
+    ],
+)
+def test_labels_that_change_within_a_tap_do_not_divide_it(keys, message, tmp_path):
+    (tmp_path / "a.csv").write_text(ENCODER, encoding="utf-8")
+
+    with pytest.raises(InputError, match=message):
+        load_mapped(tmp_path / "a.csv", TapMap(**(KEYS | keys)))
