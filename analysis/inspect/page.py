@@ -41,6 +41,8 @@ def overview_lines(inspection: Inspection) -> Iterator[tuple[str, str]]:
 def _range(inspection: Inspection) -> str:
     low, high = inspection.low, inspection.high
     spans = high - low
+    if np.isnan(spans).all():
+        return "none is known"
     narrow, wide = int(np.nanargmin(spans)), int(np.nanargmax(spans))
     unit = f" {inspection.units}" if inspection.units else ""
     return (

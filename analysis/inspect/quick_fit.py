@@ -110,7 +110,7 @@ def quick_fit(taps: TapSet, grid: ClassGrid, before: int = 0, judged: int = MOST
         judged: Taps of each class on which beliefs are judged.
 
     Returns:
-        `None` where the recording is too large, or no class has taps to train and to test with.
+        `None` where the recording is too large, or no class has taps to train and to test with, or no sample is known.
     """
     if too_large(taps):
         return None
@@ -119,7 +119,7 @@ def quick_fit(taps: TapSet, grid: ClassGrid, before: int = 0, judged: int = MOST
     train, test = _parts(taps, grid, cell)
     trained = np.unique(cell[train])
     test = test[np.isin(cell[test], trained)]
-    if not len(test) or len(trained) < 2:
+    if not len(test) or len(trained) < 2 or np.isnan(taps.extremes[train]).all():
         return None
     test = _fewer(test, cell, int(_WORK / (len(trained) * taps.samples.shape[2] * FitSettings().bins)))
     of_class = _Named(cell, trained, grid)
@@ -205,7 +205,7 @@ class _Histograms(NamedTuple):
     def fit(cls, samples: NDArray[Any], train: NDArray[np.intp], own: NDArray[np.intp]) -> Self:
         """Of the taps `train`, whose classes are `own`."""
         chosen, settings = samples[train], FitSettings()
-        low, high = float(np.nanmin(chosen)), float(np.nanmax(chosen))
+        low, high = np.nan_to_num([np.fmin.reduce(chosen, axis=None), np.fmax.reduce(chosen, axis=None)]).tolist()
         empty = np.zeros((int(own.max()) + 1, samples.shape[2], settings.bins))
         bins = cls(empty, low, settings.bins / (high - low) if high > low else 0.0)
         for part in bins.blocks(len(train), samples.shape[1]):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from solidtouch.analysis.audit.detectable import detectable_factor
-from solidtouch.analysis.inspect.page import ANSWERS, inspection_page
+from solidtouch.analysis.inspect.page import ANSWERS, inspection_page, overview_lines
 from solidtouch.analysis.inspect.questions import QUESTIONS, divided
 from solidtouch.analysis.inspect.quick_fit import MOST_SAMPLES, quick_fit
 from solidtouch.analysis.inspect.run import inspect_taps
@@ -171,6 +171,21 @@ def test_missing_samples_do_not_count(make_taps):
     assert found is not None
     assert found.whole.accuracy == pytest.approx(whole.whole.accuracy, abs=0.1)
     assert found.whole.accuracy > 2 * found.whole.chance
+
+
+@pytest.mark.parametrize("samples", [slice(None), slice(1)])
+def test_taps_without_any_known_sample_show_nothing(make_taps, samples):
+    """In all of them, or at the first one of each."""
+    taps = make_taps(sessions=2, repeats=20)
+    holes = taps.taps.copy()
+    holes[:, samples] = np.nan
+    empty = TapSet(taps.dataset.assign(taps=(taps.dataset["taps"].dims, holes)).assign_attrs(missing="drop"))
+    inspection = inspect_taps(empty, empty.grid())
+
+    assert len(lines_of(inspection)) <= 8
+    if samples == slice(None):
+        assert ("values", "none is known") in list(overview_lines(inspection))
+        assert {one.answer for one in inspection.answers if one.question in ("single taps", "beliefs")} == {"no"}
 
 
 def test_the_closed_form_agrees_with_the_rule_of_audits():
