@@ -127,25 +127,25 @@ def _looking_helps() -> Iterator[None]:
 
 def _taps(path: Path, how: TapMap, missing: Missing) -> "TapSet":
     """Taps of a file of this software's layout; prints what was left out."""
+    from ..models.io.layouts.tap_set import cut_already, cut_streams, without_useless
     from ..models.io.load import CUT, read_recording
     from ..models.io.recording import naming
     from ..models.taps import TapSet
 
-    if path.suffix.lower() in CUT and how.trigger is None:
-        return TapSet.load(path, missing)
-    if path.suffix.lower() == ".mcap" and how.trigger is None:
-        return _recorded(path)
-    recording = read_recording(path, missing)
-    with naming(path):
-        if how.trigger is None:
-            taps = recording.tapset(missing)
-        else:
-            from ..models.io.layouts.tap_set import cut_streams
-
-            taps, told = cut_streams(recording, how)
-            for sentence in told:
-                typer.echo(sentence)
-    for sentence in recording.left_out:
+    is_set = path.suffix.lower() in CUT
+    if how.trigger is None and (is_set or path.suffix.lower() == ".mcap"):
+        if how.resample is not None:
+            raise InputError(f"{path}: {option('resample')} is for frames, and for taps that are not in a tap set yet.")
+        loaded = TapSet.load(path, missing) if is_set else _recorded(path)
+        with naming(path):
+            taps, told = without_useless(loaded, how)
+        left_out: tuple[str, ...] = ()
+    else:
+        recording = read_recording(path, missing)
+        with naming(path):
+            taps, told = cut_already(recording, how, missing) if how.trigger is None else cut_streams(recording, how)
+        left_out = recording.left_out
+    for sentence in (*told, *left_out):
         typer.echo(sentence)
     return taps
 

@@ -209,3 +209,30 @@ def test_looking_at_times_tells_gaps_and_at_x_and_y_a_plane(tmp_path):
     assert 'time = "t [s]"  # it increases by 0.1, with 2 gaps' in text
     assert 'where = ["x [mm]", "y [mm]"]' in text
     assert "3 taps, 9 samples x 2 taxels, 1 object, 3 positions, 1 session" in text
+
+
+def test_taps_of_this_layout_are_resampled_and_freed_of_dead_taxels(tmp_path):
+    taps = np.random.default_rng(3).normal(size=(4, 20, 3))
+    taps[:, :, 1] = 7.0
+    np.savez(tmp_path / "a.npz", taps=taps, what=[0, 0, 1, 1], what_names=["a", "b"])
+    printed = run(
+        "convert", tmp_path / "a.npz", tmp_path / "a.nc", "--rate", 100, "--resample", 50, "--leave-out", "dead"
+    )
+    found = TapSet.load(tmp_path / "a.nc")
+
+    assert "1 of 3 taxels left out: 1 (dead: one value throughout)." in printed
+    assert found.taps.shape == (4, 10, 2)
+    assert (found.preprocessing.sensor_hz, found.preprocessing.rate_hz) == (100, 50)
+    assert found.preprocessing.taxels == (0, 2)
+
+
+def test_a_tap_set_is_freed_of_dead_taxels_but_not_resampled(make_taps, tmp_path):
+    whole = make_taps()
+    data = whole.taps.copy()
+    data[:, :, 0] = 7.0
+    TapSet(whole.dataset.assign(taps=(whole.dataset["taps"].dims, data))).save(tmp_path / "a.nc")
+    run("convert", tmp_path / "a.nc", tmp_path / "b.nc", "--leave-out", "dead")
+
+    assert TapSet.load(tmp_path / "b.nc").taps.tolist() == data[:, :, 1:].tolist()
+    with pytest.raises(InputError, match=r"a\.nc: resample \(--resample\) is for frames"):
+        run("convert", tmp_path / "a.nc", tmp_path / "c.nc", "--resample", 50)

@@ -152,9 +152,9 @@ def check_numbers(
             again = ", ".join(as_texts(number[start : start + 1])[0] for number in numbers)
             names = ", ".join(tap_columns(how))
             raise InputError(
-                f"{place(start)}: tap (--tap) {names} is {again} again after another tap; rows of a "
-                "tap must follow one another. Leave rows between taps out with keep (--keep); of a column that counts within "
-                "taps say restart:COLUMN."
+                f"{place(start)}: tap (--tap) {names} is {again} again after another tap; rows of a tap must follow "
+                "one another. Leave rows between taps out with keep (--keep); of a column that counts within taps say "
+                "restart:COLUMN."
             )
         seen.add(key)
 

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from ...blocks import over_blocks
 from ...cutting.presses import Presses, presses_of_column, presses_of_events
-from ...cutting.resampling import resampled_taps
 from ...cutting.taxels import UsableTaxels, dead_taxels, usable_taxels, with_taxels
 from ...errors import InputError
 from ...preprocessing import Preprocessing
@@ -73,10 +72,14 @@ def load_mapped(
     mapped = read_mapped(paths, how, missing, folder)
     if how.trigger is not None:
         taps, told = cut_streams(mapped.recording, how, _presses(mapped, how))
+    elif mapped.recording.is_stream:
+        raise InputError(
+            f"{mapped.files[0].path}: holds streams: say what a tap is with {option('tap')}, or cut taps with "
+            f"{option('trigger')}."
+        )
     else:
-        taps, told = _cut_already(mapped, how), mapped.left_out
-        if (useless := _useless(taps, how)) is not None:
-            taps, told = with_taxels(taps, useless.used), (*told, useless.sentence())
+        taps, left_out = cut_already(mapped.recording, how, mapped.missing)
+        told = *mapped.left_out, *left_out
     return MappedTaps(relabel(taps, what_unit=how.what_unit, citation=how.citation), told)
 
 
@@ -159,22 +162,39 @@ def _files_of_events(
     return of if (of >= 0).any() else None
 
 
-def _cut_already(mapped: Mapped, how: TapMap) -> TapSet:
-    """Tap set of taps."""
-    recording = mapped.recording
-    if recording.is_stream:
-        raise InputError(
-            f"{mapped.files[0].path}: holds streams: say what a tap is with {option('tap')}, or cut taps with "
-            f"{option('trigger')}."
-        )
-    samples, rate = recording.samples, _rate(recording, how)
-    if how.resample is None or rate is None:
-        record = Preprocessing(samples=samples.shape[1], rate_hz=rate)
-    else:
-        with naming(option("resample")):
-            samples = resampled_taps(samples, rate, how.resample)
-        record = Preprocessing(samples=samples.shape[1], rate_hz=how.resample, sensor_hz=rate)
-    return recording.labels.tapset(samples, record, mapped.missing)
+def cut_already(recording: Recording, how: TapMap, missing: Missing) -> tuple[TapSet, tuple[str, ...]]:
+    """Taps that need no cutting, resampled and freed of taxels as the map says, and what was left out.
+
+    Args:
+        recording: Taps.
+        how: The map.
+        missing: What to do with samples that are NaN, see `load_taps`.
+
+    Raises:
+        InputError: The recording holds streams, or the map does not fit it.
+    """
+    rate = _rate(recording, how)
+    if how.resample is None or rate is None or recording.is_stream:
+        return without_useless(replace(recording, rate_hz=rate).tapset(missing), how)
+    from ...cutting.resampling import resampled_taps  # noqa: PLC0415 - numba takes a quarter of a second to import
+
+    with naming(option("resample")):
+        samples = resampled_taps(recording.samples, rate, how.resample)
+    record = Preprocessing(samples=samples.shape[1], rate_hz=how.resample, sensor_hz=rate)
+    return without_useless(recording.labels.tapset(samples, record, missing), how)
+
+
+def without_useless(taps: TapSet, how: TapMap) -> tuple[TapSet, tuple[str, ...]]:
+    """Taps without the taxels that the map leaves out, and which these are, in a sentence.
+
+    Raises:
+        InputError: No taxel would be left, or the taps were cut at contact.
+    """
+    useless = _useless(taps, how)
+    if useless is None:
+        return taps, ()
+    with naming(option("leave_out")):
+        return with_taxels(taps, useless.used), (useless.sentence(),)
 
 
 def _useless(taps: TapSet, how: TapMap) -> UsableTaxels | None:
