@@ -50,6 +50,7 @@ def emulated_bench(
     name: str = "emulated",
     shared_clock: bool = True,
     homed: bool = False,
+    place_mm: tuple[float, float] | None = None,
     switches: Switches | None = None,
 ) -> Iterator[EmulatedBench]:
     """Emulated devices on ports in a folder, removed when the block ends.
@@ -63,6 +64,7 @@ def emulated_bench(
         name: Name of the rig.
         shared_clock: Whether drivers use the emulator's time.
         homed: Whether the stage is homed; if not, it is in alarm until homed.
+        place_mm: Where the finger is in the rig frame; default where homing ends or, if not homed, outside the range.
         switches: Faults; all off by default.
 
     Raises:
@@ -73,6 +75,8 @@ def emulated_bench(
     _make(folder)
     switches = switches or Switches(seed)
     start_mm = None if homed else _UNHOMED_MM
+    if place_mm is not None:
+        start_mm = _machine_mm(rig.stage, place_mm)
     controller = Controller(switches, ControllerSettings(homed=homed, start_mm=start_mm, homing_s=_HOMING_S))
     place = _Place(controller, rig.stage)
     finger = Finger(settings, place, seed, session)
@@ -86,6 +90,14 @@ def emulated_bench(
     finally:
         for link in links:
             link.close()
+
+
+def _machine_mm(stage: StageSettings, place_mm: tuple[float, float]) -> tuple[float, float, float]:
+    """Machine position of a place in the rig frame."""
+    machine = dict.fromkeys("XYZ", 0.0)
+    for axis, mm in zip((stage.x, stage.y), place_mm, strict=True):
+        machine[axis.letter] = axis.machine_mm(mm)
+    return machine["X"], machine["Y"], machine["Z"]
 
 
 class _Place:

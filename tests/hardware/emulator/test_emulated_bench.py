@@ -28,6 +28,12 @@ def taps(bench, objects, home=False):
     return samples
 
 
+@pytest.mark.parametrize("homed", [True, False])
+def test_the_finger_begins_where_it_is_put(tmp_path, homed):
+    with emulated_bench(tmp_path, homed=homed, place_mm=(7.0, -1.5)) as bench:
+        np.testing.assert_allclose(bench.emulation.place_mm, (7.0, -1.5), atol=0.01)
+
+
 @pytest.mark.parametrize("kind", ["icub", "lines"])
 def test_a_rig_taps_on_it(tmp_path, kind):
     with emulated_bench(tmp_path, kind=kind, homed=True) as bench:

@@ -213,13 +213,13 @@ def test_fault_29_something_touches_before_a_tap(rig_bench, on_the_object):
         assert rig_bench.diary.all("press") == []
 
 
-def test_fault_30_drift(rig_bench):
+def test_fault_30_drift(make_bench):
     """The baseline goes with it, further than the rest before a tap may differ, and all taps are believed."""
-    with rig_bench.rig() as rig:
-        before, start_s = rig.skin.monitor.baseline, rig_bench.clock.now()
-        rig_bench.on("drift", counts_per_s=0.2)
+    with make_bench(place_mm=None) as bench, bench.rig() as rig:
+        before, start_s = rig.skin.monitor.baseline, bench.clock.now()
+        bench.on("drift", counts_per_s=0.2)
         tap_until_trouble(rig, 60)
-        drift = 0.2 * (rig_bench.clock.now() - start_s)
+        drift = 0.2 * (bench.clock.now() - start_s)
         np.testing.assert_allclose(rig.skin.monitor.baseline - before, drift, atol=3.0)
 
     assert rig.tally.rejected == 0

@@ -25,7 +25,7 @@ def is_move(data):
 
 @pytest.mark.parametrize("home", [False, True])
 def test_nothing_moves_before_readings_arrive(make_bench, home):
-    with make_bench(homed=not home) as bench:
+    with make_bench(homed=not home, place_mm=None) as bench:
         bench.on("silent_sensor")
         with pytest.raises(NoAnswer, match="no readings") as caught, connected(bench.build(), home):
             pass
@@ -49,7 +49,7 @@ def test_a_finger_on_the_object_stays_where_it_is_without_readings(rig_bench):
 
 
 def test_a_failure_far_from_the_object_does_not_move_the_finger_towards_it(make_bench):
-    with make_bench() as bench:
+    with make_bench(place_mm=None) as bench:
         bench.on("drift", counts_per_s=60.0)
         with pytest.raises(BaselineRefused) as caught, connected(bench.build()):
             pass
@@ -110,7 +110,7 @@ def test_a_finger_behind_the_object_is_not_moved_through_it(rig_bench):
     stage = rig_bench.settings.stage
     y = msgspec.structs.replace(stage.y, origin_mm=-100.0, direction=1)
     settings = msgspec.structs.replace(rig_bench.settings, stage=msgspec.structs.replace(stage, y=y))
-    sentence = r"at y = 99.0 mm, beyond stage.y.high_mm = 3 on the side of the object"
+    sentence = r"at y = 71.0 mm, beyond stage.y.high_mm = 3 on the side of the object"
     with pytest.raises(OutOfLimits, match=sentence), connected(rig_bench.build(settings=settings)):
         pass
 
