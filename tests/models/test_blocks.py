@@ -77,7 +77,7 @@ def same_arrays(model, other, rtol=0.0):
 @pytest.mark.parametrize("value_range", ["global", "taxel"])
 def test_histograms_are_the_same(on_disk, make_taps, value_range):
     """With edges, digests and novelty scores, where some taps are outside the grid and classes in no order."""
-    taps = make_taps(repeats=3)
+    taps = make_taps(repeats=2)
     taps = taps.select(np.random.default_rng(3).permutation(len(taps)))
     grid = taps.grid().select(range(2), [0, 2, 3])
     settings = FitSettings(bins=9, value_range=value_range)
@@ -97,7 +97,7 @@ def given_prior(monkeypatch):
 @pytest.mark.parametrize("name", ["gaussian", "profile", "profile-ar", "profile-mvn", "smooth", "session:profile"])
 def test_sums_of_blocks_make_the_same_model(on_disk, given_prior, make_taps, name):
     """Where sufficient statistics are sums, up to the rounding of sums in parts."""
-    taps = make_taps(repeats=2)
+    taps = make_taps(M=2, repeats=2)
     taps = taps.select(np.random.default_rng(3).permutation(len(taps)))
     expected = fitted(taps, name)
 
@@ -142,7 +142,7 @@ def test_a_fit_holds_few_blocks_at_a_time(make_taps, tmp_path, monkeypatch, name
 
 def test_a_large_recording_has_nearly_the_same_prior(on_disk, make_taps):
     """As far as the search for it is sure: variances are equal here, so the evidence hardly depends on it."""
-    taps = make_taps(repeats=2)
+    taps = make_taps(M=2, repeats=2)
     expected = fitted(taps, "profile")
 
     same_arrays(fitted(on_disk(taps), "profile"), expected, 1e-2)
@@ -151,7 +151,7 @@ def test_a_large_recording_has_nearly_the_same_prior(on_disk, make_taps):
 @pytest.mark.parametrize("name", ["gaussian", "profile"])
 def test_sums_leave_missing_samples_out(on_disk, given_prior, make_taps, name):
     """A class without any sample of a taxel is refused by the sentence that says so in memory."""
-    taps = with_gaps(make_taps(repeats=2))
+    taps = with_gaps(make_taps(M=2, repeats=2))
     empty = taps.dataset.copy(deep=True)
     empty["taps"][(taps.what == 1) & (taps.where == 3.0), :, 4] = np.nan
     empty, expected = TapSet(empty), fitted(taps, name)
@@ -166,20 +166,20 @@ def test_sums_leave_missing_samples_out(on_disk, given_prior, make_taps, name):
 
 def test_missing_samples_are_left_out_alike(on_disk, make_taps):
     """A dead taxel, an empty tap and gaps everywhere."""
-    taps = with_gaps(make_taps(repeats=3))
+    taps = with_gaps(make_taps(M=2, repeats=3))
     expected, told = fitted(taps), missing_sentence([taps], "taps")
-    known = training_taps(taps.select(slice(0, 50)), expected.training)
+    known = training_taps(taps.select(slice(0, 25)), expected.training)
     large = on_disk(taps, "drop")
 
     same_arrays(fitted(large), expected)
     assert missing_sentence([large], "taps") == told
-    np.testing.assert_array_equal(training_taps(large.select(slice(0, 50)), expected.training), known)
+    np.testing.assert_array_equal(training_taps(large.select(slice(0, 25)), expected.training), known)
 
 
 @pytest.mark.parametrize("name", ["histogram", "gaussian", "profile"])
 def test_tables_of_trials_are_the_same(on_disk, make_taps, name):
     """Likelihoods of test taps are computed from blocks, in the order of the taps, also with missing samples."""
-    taps = with_gaps(make_taps(repeats=3))
+    taps = with_gaps(make_taps(M=2, repeats=4))
     model = fitted(taps.select(taps.session == 0), name)
     expected = tap_table(model, taps)
     found = tap_table(model, on_disk(taps, "drop"))
@@ -206,7 +206,7 @@ def printed(taps):
 def test_an_inspection_is_the_same(on_disk, make_taps, monkeypatch):
     """Constant and saturated taxels, ranges, copies of taps, and all else that is printed of a large recording."""
     monkeypatch.setattr(quick_fit, "MOST_SAMPLES", 0)  # what stays on disk is too large for a quick fit
-    taps = pressed(make_taps())
+    taps = pressed(make_taps(repeats=2))
     expected = printed(taps)
     assert "2 of 5 taxels may be saturated" in expected
     assert "1 of 5 taxels are constant: 4." in expected
@@ -217,10 +217,10 @@ def test_an_inspection_is_the_same(on_disk, make_taps, monkeypatch):
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_a_bad_sample_is_found_in_its_block(on_disk, make_taps, value):
     """By the same sentence as in memory."""
-    taps = make_taps()
+    taps = make_taps(repeats=2)
     bad = taps.dataset.copy(deep=True)
-    bad["taps"][100, 3, 2] = value
-    with pytest.raises(InputError, match=r"^taps\[100, 3, 2\] is (nan|inf); ") as expected:
+    bad["taps"][40, 3, 2] = value
+    with pytest.raises(InputError, match=r"^taps\[40, 3, 2\] is (nan|inf); ") as expected:
         TapSet(bad)
     object.__setattr__(taps, "dataset", bad)
 
@@ -232,9 +232,9 @@ def test_a_bad_sample_is_found_in_its_block(on_disk, make_taps, value):
 
 def test_a_selection_is_written_on_disk(on_disk, make_taps, tmp_path):
     """With what is written from memory, in its order."""
-    taps = make_taps(extra={"force": np.arange(168.0)})
-    taps.select([20, 3, 90]).save(tmp_path / "expected.nc")
-    on_disk(taps).select([20, 3, 90]).save(tmp_path / "written.nc")
+    taps = make_taps(repeats=2, extra={"force": np.arange(48.0)})
+    taps.select([20, 3, 40]).save(tmp_path / "expected.nc")
+    on_disk(taps).select([20, 3, 40]).save(tmp_path / "written.nc")
 
     expected, written = (xr.load_dataset(tmp_path / name, engine="h5netcdf") for name in ("expected.nc", "written.nc"))
     xr.testing.assert_identical(written, expected)
