@@ -41,7 +41,8 @@ class FirstOrder(NamedTuple):
             state: What the past adds to the next result, shape (width,); changed in place.
         """
         result = np.empty(signal.shape)
-        _filter(np.asarray(signal, dtype=np.float64), *self, state, result)
+        # Other layouts would be compiled anew.
+        _filter(np.require(signal, np.float64, ["C", "W"]), *self, state, result)
         return result
 
 

@@ -229,7 +229,8 @@ def _scores(table: TapTable, sequences: _Sequences) -> _Scores:
     scores = _Scores(np.empty((count, n)), np.empty((count, 2)), np.empty((count, 2)))
     power, M = share(length, table.saturation), table.pool.shape[1]
     logs = np.ascontiguousarray(table.log_likelihood), np.ascontiguousarray(table.log_prior)
-    score(*logs, M, power, *sequences[:3], *scores)
+    taps, where, what = map(np.ascontiguousarray, sequences[:3])  # other layouts would be compiled anew
+    score(*logs, M, power, taps, where, what, *scores)
     return scores
 
 

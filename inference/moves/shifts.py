@@ -33,7 +33,8 @@ def shift_all(
     if trained is not None:
         return _around(beliefs, deltas, border, trained, logs)
     after = np.empty((*deltas.shape, *beliefs.shape[1:]))
-    _shift(np.ascontiguousarray(beliefs), np.ascontiguousarray(deltas), BORDERS.index(border), logs, after)
+    before, moved = (np.require(array, requirements=["C", "W"]) for array in (beliefs, deltas))  # as compiled
+    _shift(before, moved, BORDERS.index(border), logs, after)
     return after
 
 
