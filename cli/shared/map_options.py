@@ -5,7 +5,6 @@ from typing import Annotated, Any, Literal
 import typer
 
 from ...models.io.layouts.mapping import Format, TimeUnit, Trigger
-from ...models.settings import SettingError
 
 _FILES, _TEXT, _SAMPLES = "Files", "Text tables", "Samples"
 _LABELS, _CUTTING, _ORIGIN = "Labels", "Cutting streams", "Origin"
@@ -21,15 +20,13 @@ def _parts(text: str) -> str | tuple[str, ...]:
     return text if len(parts) == 1 else parts
 
 
-def _positions(text: str) -> str | tuple[float, ...]:
-    """Numbers separated by commas, or the name of an array."""
-    parts = text.split(",")
-    if len(parts) == 1:
-        return text
+def _positions(text: str) -> str | tuple[float | str, ...]:
+    """Numbers or names separated by commas, or the name of an array."""
+    parts = _parts(text)
     try:
-        return tuple(float(part) for part in parts)
+        return parts if isinstance(parts, str) else tuple(map(float, parts))
     except ValueError:
-        raise SettingError("where_values", f"must be numbers such as 0,1.5,3, or an array, got {text!r}.") from None
+        return parts
 
 
 def _listed(text: str | tuple[str, ...]) -> tuple[str, ...]:
@@ -91,7 +88,11 @@ MAP_OPTIONS: dict[str, Any] = {
         Any, _LABELS, "Names that --what indexes: NAME,NAME,... or the array that holds them.", "NAMES", parser=_parts
     ),
     "where_values": _option(
-        Any, _LABELS, "Positions that --where indexes: X,X,... or their array.", "VALUES", parser=_positions
+        Any,
+        _LABELS,
+        "Positions that --where indexes: X,X,... or NAME,NAME,... or their array.",
+        "VALUES",
+        parser=_positions,
     ),
     "one_based": _option(bool, _LABELS, "Indices count from 1, as in MATLAB."),
     "what_value": _option(_Text, _LABELS, "Size of an object: a source, or names, as in 'rod 4 mm'.", "SOURCE"),

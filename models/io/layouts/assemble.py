@@ -15,13 +15,14 @@ from ...settings import Missing
 from ...tap_checks import RESERVED
 from ...taps import in_plane
 from ..recording import Labels, Recording, changed, concatenated, naming
-from .files import SourceFile, source_files
+from .files import SourceFile, source_files, unmatched
 from .gathering import with_all_taxels, with_ordered_labels
-from .labels import LabelTables, as_numbers, as_texts, distinct, label_source
+from .labels import LabelTables, are_names, as_numbers, as_texts, by_name, distinct, label_source
 from .mapping import EXTRA, PLANE, TapMap, option
 from .patterns import natural
 from .pieces import Piece, pieces
 
+_MOST = 10**15 - 1  # as floats hold all integers to there
 _SAME_RATE = 0.02
 """Rates of two files that differ by less in proportion are one: clocks of computers jitter."""
 
@@ -32,7 +33,7 @@ class Mapped(NamedTuple):
     Attributes:
         recording: Taps or streams.
         missing: Whether samples are NaN, where taps that end earlier were filled.
-        left_out: Taps that were left out, one sentence for each reason.
+        left_out: Files and taps that were left out, one sentence for each reason.
         rises: For streams, the signal that rises at each press, shape (S,); `None` without.
         files: The file of each piece; those of streams are numbered by these.
         tables: Tables beside the files.
@@ -67,23 +68,24 @@ def read_mapped(
     tables = LabelTables([*([] if folder is None else [Path(folder)]), *dict.fromkeys(beside)], how.text_table, files)
     found = with_ordered_labels(with_all_taxels(list(pieces(files, how, tables, missing))))
     if not sum(piece.rows for piece in found):
-        raise InputError(f"{paths[0]}: no taps.")
+        raise InputError(
+            f"{paths[0]}: no taps{'' if how.keep is None else f' that {option("keep")} {how.keep!r} keeps'}."
+        )
     found = [piece for piece in found if piece.rows]
     even = _joined(found, how)
-    labels, rate = _labels(found, how), how.rate or _common_rate(found)
-    whose = tuple(piece.file for piece in found)
+    labels, rate = _labels(found, how, tables), how.rate or _common_rate(found)
+    whose, told = tuple(piece.file for piece in found), unmatched(paths, files, how)
     if even is not None:
-        return Mapped(
-            Recording(even.samples, labels.take(even.kept), rate), even.missing, even.left_out, None, whose, tables
-        )
+        kept = Recording(even.samples, labels.take(even.kept), rate)
+        return Mapped(kept, even.missing, (*told, *even.left_out), None, whose, tables)
     samples = _scaled(concatenated([np.asanyarray(piece.signal.samples) for piece in found]), how)
     if samples.ndim == 3:
-        return Mapped(Recording(samples, labels, rate), missing, (), None, whose, tables)
+        return Mapped(Recording(samples, labels, rate), missing, told, None, whose, tables)
     file = np.repeat(np.arange(len(found)), [piece.rows for piece in found])
     times = [piece.time_s for piece in found if piece.time_s is not None]
     time = np.concatenate(times) if len(times) == len(found) else None
     rises = None if how.signal is None else np.concatenate([np.asarray(piece.rises) for piece in found])
-    return Mapped(Recording(samples, labels, rate, file, time=time), missing, (), rises, whose, tables)
+    return Mapped(Recording(samples, labels, rate, file, time=time), missing, told, rises, whose, tables)
 
 
 def _joined(found: Sequence[Piece], how: TapMap) -> EvenTaps | None:
@@ -111,7 +113,8 @@ def _joined(found: Sequence[Piece], how: TapMap) -> EvenTaps | None:
     taps = [_scaled(np.asarray(tap), how) for piece in found for tap in piece.signal.samples]
     length = how.length or "shortest"
     align, short = how.align or "none", "leave out" if isinstance(length, int) else "fill"
-    return even_taps(taps, length, align=align, level=how.level or 0.0, pre=how.pre or 0, short=short)
+    with naming(option("align" if how.align else "length")):
+        return even_taps(taps, length, align=align, level=how.level or 0.0, pre=how.pre or 0, short=short)
 
 
 def _scaled(samples: NDArray[Any], how: TapMap) -> NDArray[np.floating]:
@@ -126,10 +129,10 @@ def _taxels(piece: Piece) -> int:
     return int(np.asarray(piece.signal.samples[0]).shape[-1]) if piece.rows else 0
 
 
-def _labels(found: Sequence[Piece], how: TapMap) -> Labels:
+def _labels(found: Sequence[Piece], how: TapMap, beside: LabelTables) -> Labels:
     """Labels of all taps or rows, and the tables they refer to."""
-    what, names, sizes = _objects(found, how)
-    where, tables = _positions(found, how)
+    what, names, sizes = _objects(found, how, _listed(found, how.what_names, "what_names", beside))
+    where, tables = _positions(found, how, _listed(found, how.where_values, "where_values", beside))
     units = {piece.unit for piece in found}
     if how.units is None and len(units - {""}) > 1:
         raise InputError(f"samples are in {' and '.join(sorted(units - {''}))} in different files; --units says which.")
@@ -190,16 +193,17 @@ def _place(found: Sequence[Piece], tap: int) -> str:
     return f"tap {tap}"
 
 
-def _objects(found: Sequence[Piece], how: TapMap) -> tuple[NDArray[np.int64], tuple[str, ...], dict[str, Any] | None]:
+def _objects(
+    found: Sequence[Piece], how: TapMap, listed: NDArray[Any] | None
+) -> tuple[NDArray[np.int64], tuple[str, ...], dict[str, Any] | None]:
     """Index and names of the objects, and their sizes with the unit: by size, else in order of appearance."""
     raw = _values(found, "what")
     total = sum(piece.rows for piece in found)
     raw = np.repeat(np.array("object"), total) if raw is None else raw
     _check_there(found, "what", raw)
-    listed = _table(found, how.what_names, "what_names")
     if listed is not None:
         by_axis = any("what" in piece.signal.axis_index for piece in found)
-        index = _indices("what", raw, len(listed), how.one_based and not by_axis)
+        index = _indices(found, "what", raw, listed, how.one_based and not by_axis)
         names = np.array(as_texts(listed))
     else:
         texts, _, index = distinct(raw)
@@ -213,7 +217,7 @@ def _objects(found: Sequence[Piece], how: TapMap) -> tuple[NDArray[np.int64], tu
 
 
 def _check_there(found: Sequence[Piece], key: str, raw: NDArray[Any]) -> None:
-    missing = np.flatnonzero(raw == "" if raw.dtype.kind == "U" else raw != raw)  # noqa: PLR0124 - NaN
+    missing = np.flatnonzero(np.isin(raw, ("", "nan", "NaN")) if raw.dtype.kind == "U" else raw != raw)  # noqa: PLR0124
     if len(missing):
         raise InputError(f"{option(key)} is missing for {_place(found, int(missing[0]))}.")
 
@@ -245,12 +249,16 @@ def _sizes(
     return {"what_value": sizes, "what_unit": how.what_unit or unit}
 
 
-def _table(found: Sequence[Piece], told: Any, key: str) -> NDArray[Any] | None:
-    """Names or positions that an index refers to, from the map or an array."""
+def _listed(found: Sequence[Piece], told: Any, key: str, beside: LabelTables) -> NDArray[Any] | None:
+    """Names or positions that an index refers to, from the map, an array or a table."""
     if told is None:
         return None
     if not isinstance(told, str):
         return np.asarray(told)
+    source = label_source(key, told)
+    if source.kind == "table":
+        with naming(option(key)):
+            return beside.names(source, found[0].file)
     first = found[0].tables[key].reshape(-1)
     for piece in found:
         if not np.array_equal(piece.tables[key].reshape(-1), first):
@@ -258,21 +266,27 @@ def _table(found: Sequence[Piece], told: Any, key: str) -> NDArray[Any] | None:
     return first
 
 
-def _indices(key: str, raw: NDArray[Any], size: int, one_based: bool) -> NDArray[np.int64]:
-    """Indices from 0."""
-    numbers, _ = as_numbers(key, raw)
-    bad = np.flatnonzero(numbers != np.round(numbers))
+def _indices(
+    found: Sequence[Piece], key: str, raw: NDArray[Any], listed: NDArray[Any], one_based: bool
+) -> NDArray[np.int64]:
+    """Number of each label in a list, from 0: by its name, else as an index."""
+    named = by_name(key, raw, listed, lambda tap: _place(found, tap))
+    if named is not None:
+        return named.astype(np.int64)
+    numbers, _ = as_numbers(key, raw, lambda tap: _place(found, tap))
+    index = numbers - one_based
+    bad = np.flatnonzero((index != np.round(index)) | (index < 0) | (index >= len(listed)))
     if len(bad):
-        raise InputError(f"{option(key)} is {numbers[bad[0]]:g} of tap {bad[0]}, not an index.")
-    index = numbers.astype(np.int64) - one_based
-    bad = np.flatnonzero((index < 0) | (index >= size))
-    if len(bad):
-        hint = "; if indices count from 1, say one_based (--one-based)" if numbers.max() == size else ""
-        raise InputError(f"{option(key)} is {numbers[bad[0]]:g} of tap {bad[0]}, outside the {size} entries{hint}.")
-    return index
+        entries = f"the {len(listed)} entries of {option('what_names' if key == 'what' else 'where_values')}"
+        hint = "; if indices count from 1, say one_based (--one-based)" if numbers.max() == len(listed) else ""
+        place = _place(found, int(bad[0]))
+        raise InputError(f"{option(key)} is {numbers[bad[0]]:g} for {place}, which is no index of {entries}{hint}.")
+    return index.astype(np.int64)
 
 
-def _positions(found: Sequence[Piece], how: TapMap) -> tuple[NDArray[np.float64], dict[str, Any]]:
+def _positions(
+    found: Sequence[Piece], how: TapMap, listed: NDArray[Any] | None
+) -> tuple[NDArray[np.float64], dict[str, Any]]:
     """Position of each tap, and the tables that belong to it."""
     plane = [_values(found, key) for key in PLANE]
     if plane[0] is not None:
@@ -282,13 +296,14 @@ def _positions(found: Sequence[Piece], how: TapMap) -> tuple[NDArray[np.float64]
     raw = _values(found, "where")
     if raw is None:
         return np.zeros(sum(piece.rows for piece in found)), {"where_unit": how.where_unit or ""}
-    listed = _table(found, how.where_values, "where_values")
     if listed is None:
         numbers, unit = _measured(found, "where", raw)
         return _rounded(numbers, how) * how.where_scale, {"where_unit": how.where_unit or unit}
     by_axis = any("where" in piece.signal.axis_index for piece in found)
-    values, unit = as_numbers("where_values", listed)
-    index = _indices("where", raw, len(values), how.one_based and not by_axis)
+    values, unit = (
+        (np.arange(len(listed), dtype=np.float64), "") if are_names(listed) else as_numbers("where_values", listed)
+    )
+    index = _indices(found, "where", raw, listed, how.one_based and not by_axis)
     return values[index] * how.where_scale, {"where_unit": how.where_unit or unit}
 
 
@@ -298,8 +313,15 @@ def _in_plane(
     """Places in a plane as numbered positions, see `taps.in_plane`."""
     places = np.stack([_rounded(values, how) for values, _ in axes[:2]], axis=1) * how.where_scale
     angles = [values[:, np.newaxis] for values, _ in axes[2:]]
+    units = {unit for _, unit in axes[:2]} - {""}
+    if len(units) > 1:
+        raise InputError(f"{option('where')}: x is in {axes[0][1]}, y in {axes[1][1]}; a plane has one unit.")
     every, number = in_plane(np.concatenate([places, *angles], axis=1))
-    tables = {"where_value": np.arange(len(every)), "where_place": every, "where_unit": how.where_unit or axes[0][1]}
+    tables = {
+        "where_value": np.arange(len(every)),
+        "where_place": every,
+        "where_unit": how.where_unit or "".join(units),
+    }
     return number.astype(np.float64), tables
 
 
@@ -313,10 +335,11 @@ def _sessions(found: Sequence[Piece], how: TapMap) -> NDArray[np.int64]:
     raw, rows = _values(found, "session"), [piece.rows for piece in found]
     source = np.repeat([piece.file.source for piece in found], rows)
     told = None if how.session is None else label_source("session", how.session)
-    if told is not None and told.kind == "gap":
-        return number_by_gap(_all_times(found), _seconds(told.name), source)
-    if told is not None and told.kind == "date":
-        return number_by_date(np.asarray(raw))
+    with naming(option("session")):
+        if told is not None and told.kind == "gap":
+            return number_by_gap(_all_times(found), _seconds(told.name), source)
+        if told is not None and told.kind in ("date", "day"):
+            return number_by_date(np.asarray(raw))
     if raw is None:
         return source.astype(np.int64)
     _check_there(found, "session", raw)
@@ -333,7 +356,7 @@ def _all_times(found: Sequence[Piece]) -> NDArray[np.float64]:
     times = [piece.time_s for piece in found]
     known = [each for piece, each in zip(found, times, strict=True) if each is not None and each.shape == (piece.rows,)]
     if len(known) < len(found):
-        raise InputError("session (--session) gap: needs time (--time), one for each tap or row.")
+        raise InputError(f"gap: needs {option('time')}, one for each tap or row.")
     return np.concatenate(known)
 
 
@@ -341,7 +364,7 @@ def _seconds(text: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise InputError(f"session (--session) gap:{text}: the pause must be a number of seconds.") from None
+        raise InputError(f"gap:{text}: the pause must be a number of seconds.") from None
 
 
 def _trials(found: Sequence[Piece]) -> NDArray[np.int64] | None:
@@ -349,10 +372,11 @@ def _trials(found: Sequence[Piece]) -> NDArray[np.int64] | None:
     raw = _values(found, "trial")
     if raw is None:
         return None
-    numbers, _ = as_numbers("trial", raw)
-    bad = np.flatnonzero(numbers != np.round(numbers))
+    numbers, _ = as_numbers("trial", raw, lambda tap: _place(found, tap))
+    bad = np.flatnonzero((numbers != np.round(numbers)) | (abs(numbers) > _MOST))
     if len(bad):
-        raise InputError(f"trial (--trial) is {numbers[bad[0]]:g} of tap {bad[0]}, not an integer.")
+        place = _place(found, int(bad[0]))
+        raise InputError(f"{option('trial')} is {numbers[bad[0]]:g} for {place}, not an integer of up to 15 digits.")
     return numbers.astype(np.int64)
 
 

@@ -1,5 +1,6 @@
 """Which columns or taxels a map chooses."""
 
+from collections.abc import Collection
 from fnmatch import fnmatchcase
 
 from ...errors import InputError
@@ -13,8 +14,8 @@ type FirstColumns = dict[str, str]
 """Columns of taxels of the first file of a recording, each with its unit; empty before that."""
 
 
-def taxel_columns(how: TapMap, contents: Contents) -> list[str]:
-    """Names of the columns of samples, in the order of the file.
+def taxel_columns(how: TapMap, contents: Contents, others: Collection[str]) -> list[str]:
+    """Names of the columns of samples, in the order of the file; no pattern stands for one of the others, as of labels.
 
     Raises:
         InputError: The map names none, or one that is not there.
@@ -33,7 +34,8 @@ def taxel_columns(how: TapMap, contents: Contents) -> list[str]:
         if part is not None and text not in names:
             matched = list(contents.columns[part])
         elif is_pattern(text) and text not in names:
-            matched = [name for name in names if fnmatchcase(name, _literal_brackets(text))]
+            pattern = _literal_brackets(text)
+            matched = [name for name in names if fnmatchcase(name, pattern) and name not in others]
         else:
             with naming(option("taxels")):
                 matched = [contents.named(text)]

@@ -34,14 +34,35 @@ def source_files(sources: Sequence[Path], how: TapMap) -> list[SourceFile]:
     """The files, in the natural order of their names in each folder.
 
     Raises:
-        InputError: There is none, or the name of one does not match a pattern of the map.
+        InputError: There is none, one is named twice, or the name of one does not match a pattern of the map.
     """
     found = [file for number, path in enumerate(sources) for file in _below(check_path(path), number, how)]
-    patterns = {key: text for key, text in how.label_texts.items() if text.startswith(("file:", "folder:"))}
+    twice = [path for path, number in Counter(file.path.resolve() for file in found).items() if number > 1]
+    if twice:
+        raise InputError(f"{twice[0]}: named twice, so that its taps would be in training and test data.")
+    texts = {key: text.removeprefix("date:") for key, text in how.label_texts.items()}
+    patterns = {key: text for key, text in texts.items() if text.startswith(("file:", "folder:"))}
     for key, text in patterns.items():
         if key not in fields_of(text):
             raise InputError(f"{option(key)}: the pattern {text.partition(':')[2]!r} has no field {{{key}}}.")
     return [_labelled(file, patterns) for file in found]
+
+
+def unmatched(sources: Sequence[Path], files: Sequence[SourceFile], how: TapMap) -> tuple[str, ...]:
+    """How many files below each folder, of the kinds of those found, do not match the pattern of a map; sentences."""
+    told = []
+    for number, path in enumerate(sources):
+        own = {file.below for file in files if file.source == number}
+        if how.files is not None and is_folder(path):
+            kinds = set(map(ending, own))
+            others = [name for name in names_below(path) if ending(name) in kinds and name not in own]
+            others = [name for name in others if not _is_table(name, how)]
+            if others:
+                whole = len(own) + len(others)
+                told.append(
+                    f"{len(others)} of {whole} files below {path} do not match files (--files), such as {others[0]}."
+                )
+    return tuple(told)
 
 
 def _below(path: Path, number: int, how: TapMap) -> Iterator[SourceFile]:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
+from ..recording import naming
 from .labels import ByOrder
 from .mapping import LABELS, PLANE, option
 from .patterns import natural
@@ -72,7 +73,8 @@ def with_ordered_labels(found: Sequence[Piece]) -> list[Piece]:
             if isinstance(of, ByOrder):
                 sharing.setdefault((key, id(of.values)), []).append(number)
     for (key, _), numbers in sharing.items():
-        parts = _parts(labels[numbers[0]][key], [found[number] for number in numbers])
+        with naming(option(key)):
+            parts = _parts(labels[numbers[0]][key], [found[number] for number in numbers])
         for number, part in zip(numbers, parts, strict=True):
             labels[number][key] = part
     return [replace(piece, labels=of) for piece, of in zip(found, labels, strict=True)]

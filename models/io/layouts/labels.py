@@ -1,5 +1,6 @@
 """Where labels stand: in columns and arrays, in the names of files, in tables beside them."""
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache, cached_property
@@ -17,6 +18,9 @@ from .formats.registry import ENDINGS, ending, open_contents
 from .mapping import option
 from .patterns import filled, number_in, unclear_comma
 
+_EXACT = 4  # names of a file as they are written
+_HEADERS = {"what", "where", "name", "object", "label", "class", "position", "value", "id", "what_name", "where_value"}
+"""Of lists of names and positions; another first line is the first of them."""
 type Label = NDArray[Any] | str | float | ByOrder
 """One value for each tap or row, or the same for all."""
 
@@ -33,7 +37,8 @@ class LabelSource(NamedTuple):
 
     Attributes:
         key: Which label.
-        kind: `"column"`, `"field"`, `"table"`, `"constant"`, `"file"`, `"gap"` or `"date"`.
+        kind: `"column"`, `"field"`, `"table"`, `"constant"`, `"file"`, `"gap"`, `"date"` of a column, or `"day"`, a
+            field with a date.
         name: Of the column, field or table, or the constant itself.
         column: Of a table.
     """
@@ -63,6 +68,8 @@ def label_source(key: str, text: str) -> LabelSource:
     kinds |= {"gap": "gap", "date": "date"} if key == "session" else {}
     if text.startswith("="):
         return LabelSource(key, "constant", text[1:])
+    if begin == "date" and key == "session" and (rest.startswith(("file:", "folder:")) or rest == "{session}"):
+        return LabelSource(key, "day", "session")
     if rest and begin in kinds:
         return LabelSource(key, kinds[begin], key if kinds[begin] == "field" else rest)
     if text == "file" and key in ("session", "trial"):
@@ -95,29 +102,60 @@ class LabelTables:
         """Number of each file of the recording, from 0."""
         return {file.path: number for number, file in enumerate(self.files)}
 
-    def label(self, source: LabelSource, file: SourceFile, rows: int) -> Label:
-        """Values of a column: in the row or rows that name the file, else in the rows of the file, else in all.
+    def label(
+        self, source: LabelSource, file: SourceFile, rows: int, contents: Contents, found: Mapping[str, Values]
+    ) -> Label:
+        """Values of a column: in the rows that name the file, else by a column that both have, else in their order.
 
         Args:
             source: The table and column; the only column needs no name.
             file: The file that is labelled.
             rows: Number of its rows, or of its taps.
+            contents: What it holds.
+            found: Its variables that were read.
 
         Raises:
-            InputError: There is no such table or column, or no row for this file.
+            InputError: There is no such table or column, or no row for this file, or for a row of it.
         """
         name = filled(source.name, file.fields)
-        values, others = self.column(source, file)
-        path = self._place(name, file)
+        values, _ = self.column(source, file)
+        if (shared := self.shared(source, file, contents)) is not None:
+            return values[_matching(self._columns(self._place(name, file))[shared], np.asarray(found[shared]), shared)]
+        named = self._named(source, file)
+        if named:
+            if not (of_file := rows_of(file, named)):
+                raise InputError(f"{name} has no row for this file.")
+            return str(values[of_file[0]]) if len(of_file) == 1 else values[of_file]
+        return values if len(self.files) == 1 and len(values) == rows else ByOrder(values, name)
+
+    def names(self, source: LabelSource, file: SourceFile) -> NDArray[Any]:
+        """Values of a column; of a list without a header all lines.
+
+        Raises:
+            InputError: As of `column`.
+        """
+        values, _ = self.column(source, file)
+        columns = self._columns(self._place(source.name, file))
+        header = next(iter(columns))
+        if len(columns) > 1 or source.column or header.casefold().removesuffix("s") in _HEADERS:
+            return values
+        return np.array([header, *as_texts(values)])
+
+    def shared(self, source: LabelSource, file: SourceFile, contents: Contents) -> str | None:
+        """The column that both a table, which does not name files, and a file have, beside that of the labels."""
+        values, _ = self.column(source, file)
+        columns = self._columns(self._place(filled(source.name, file.fields), file))
+        both = [key for key, of in columns.items() if key in contents.variables and of is not values]
+        both = [key for key in both if len(contents.variables[key].shape) == 1 and not key.isdecimal()]
+        return both[0] if both and not self._named(source, file) else None
+
+    def _named(self, source: LabelSource, file: SourceFile) -> Mapping[str, list[int]]:
+        """Rows of a table by the name of their file, see `rows_by_file`."""
+        path = self._place(filled(source.name, file.fields), file)
         if (path, source.column) not in self._naming:
             below = [each for each in self.files if each.path.is_relative_to(path.parent)] or list(self.files)
-            self._naming[path, source.column] = rows_by_file(others, below)
-        named = self._naming[path, source.column]
-        if named:
-            if not (found := rows_of(file, named)):
-                raise InputError(f"{name} has no row for this file.")
-            return str(values[found[0]]) if len(found) == 1 else values[found]
-        return values if len(self.files) == 1 and len(values) == rows else ByOrder(values, name)
+            self._naming[path, source.column] = rows_by_file(self.column(source, file)[1], below)
+        return self._naming[path, source.column]
 
     def column(self, source: LabelSource, file: SourceFile) -> tuple[NDArray[Any], dict[str, NDArray[Any]]]:
         """A column of a table beside a file or in another folder, and the other columns that hold texts.
@@ -156,10 +194,24 @@ class LabelTables:
         return self._known[path]
 
 
+def _matching(keys: NDArray[Any], wanted: NDArray[Any], name: str) -> NDArray[np.intp]:
+    """The row of each wanted key, of numbers by their value."""
+    rows: dict[str, int] = {}
+    for row, text in enumerate(as_texts(as_known(keys))):
+        if rows.setdefault(text, row) != row:
+            raise InputError(f"the table has {name} {text} in two rows.")
+    texts, _, which = distinct(as_known(wanted))
+    missing = [text for text in texts if text not in rows]
+    if missing:
+        raise InputError(f"the table has no row with {name} {missing[0]}.")
+    return np.array([rows[text] for text in texts])[which]
+
+
 def _names_of(file: SourceFile) -> tuple[str, ...]:
-    """What a table may call a file."""
+    """What a table may call a file, with large or small letters."""
     free = file.below.rpartition(".")[0] or file.below
-    return file.below, free, file.path.name, free.rpartition("/")[2]
+    names = file.below, free, file.path.name, free.rpartition("/")[2]
+    return *names, *map(str.casefold, names)
 
 
 def rows_of(file: SourceFile, named: Mapping[str, list[int]]) -> list[int]:
@@ -177,7 +229,7 @@ def rows_by_file(columns: Mapping[str, NDArray[Any]], files: Sequence[SourceFile
     """
     best, most = None, 0
     for of in columns.values():
-        there = set(of.tolist())
+        there = {*of.tolist(), *map(str.casefold, of.tolist())}
         named = [[text for text in _names_of(file) if text in there] for file in files]
         count = sum(map(bool, named))
         numbers = all(text.isdecimal() for text in there)
@@ -189,8 +241,9 @@ def rows_by_file(columns: Mapping[str, NDArray[Any]], files: Sequence[SourceFile
         has_endings = any(ending(text) in ENDINGS for of in columns.values() for text in of[:1].tolist())
         return {"": []} if has_endings else {}
     rows: dict[str, list[int]] = {}
+    exact = {text for file in files for text in _names_of(file)[:_EXACT]}
     for row, text in enumerate(best.tolist()):
-        rows.setdefault(text, []).append(row)
+        rows.setdefault(text if text in exact else text.casefold(), []).append(row)
     used: dict[str, SourceFile] = {}
     for file in files:
         text = next((text for text in _names_of(file) if text in rows), None)
@@ -202,14 +255,16 @@ def rows_by_file(columns: Mapping[str, NDArray[Any]], files: Sequence[SourceFile
     return rows
 
 
-def needed(sources: Sequence[LabelSource], fields: dict[str, str], contents: Contents) -> list[str]:
-    """Variables of a file that hold labels."""
+def needed(sources: Sequence[LabelSource], file: SourceFile, contents: Contents, tables: LabelTables) -> list[str]:
+    """Variables of a file that hold labels, or that a table of labels has as well."""
     found = []
     for source in sources:
-        name = filled(source.name, fields)
-        if source.kind in ("column", "date") and name not in contents.attributes:
-            with naming(option(source.key)):
+        name = filled(source.name, file.fields)
+        with naming(option(source.key)):
+            if source.kind in ("column", "date") and name not in contents.attributes:
                 found.append(contents.named(name))
+            elif source.kind == "table" and (shared := tables.shared(source, file, contents)) is not None:
+                found.append(shared)
     return found
 
 
@@ -230,10 +285,10 @@ def label_of(
         match source.kind:
             case "constant":
                 return source.name
-            case "field":
+            case "field" | "day":
                 return file.fields[source.name]
             case "table":
-                return tables.label(source, file, rows)
+                return tables.label(source, file, rows, contents, values)
             case "file":
                 return tables.numbers[file.path]
             case "gap":
@@ -276,7 +331,11 @@ def distinct(values: NDArray[Any]) -> tuple[list[str], NDArray[np.intp], NDArray
     return texts[order].tolist(), starts[first[order]], np.repeat(np.argsort(order)[which], lengths)
 
 
-_LENGTHS_AND_ANGLES = {"m", "cm", "mm", "um", "µm", "nm", "in", "deg", "rad", "°"}
+LENGTHS_AND_ANGLES = {"m", "cm", "mm", "um", "µm", "nm", "in", "deg", "rad", "°"}
+
+
+_PLAIN = re.compile(r"[-+\u2212]?[\d.,]+(?:[eE][-+]?\d+)? ?(?:°|[^\W\d_]{1,3})?")
+"""A number alone or with a unit."""
 
 
 @cache
@@ -289,12 +348,44 @@ def _as_number(text: str) -> tuple[float, str] | None:
     return (number, "") if np.isfinite(number) else number_in(text)
 
 
+def are_names(listed: NDArray[Any]) -> bool:
+    """Whether a list of objects or positions holds names, not numbers with or without a unit."""
+    return listed.dtype.kind in "US" and not all(map(_PLAIN.fullmatch, as_texts(listed)))
+
+
+def by_name(
+    key: str, values: NDArray[Any], listed: NDArray[Any], place: Callable[[int], str]
+) -> NDArray[np.intp] | None:
+    """Number of each label in a list of names; `None` where labels are numbers of its entries.
+
+    Args:
+        key: Which label.
+        values: Labels, shape (n,).
+        listed: The names.
+        place: Where one of the labels stands.
+
+    Raises:
+        InputError: A name is not in the list, or is there twice.
+    """
+    number = {name: n for n, name in enumerate(as_texts(listed))}
+    list_of = option("what_names" if key == "what" else "where_values")
+    if are_names(listed) and len(number) < len(listed):
+        raise InputError(f"{list_of} has a name twice: {', '.join(as_texts(listed))[:200]}.")
+    texts, first, which = distinct(values)
+    if not are_names(listed) or all(map(_PLAIN.fullmatch, texts)):
+        return None
+    for text, row in zip(texts, first.tolist(), strict=True):
+        if text not in number:
+            raise InputError(f"{option(key)}: {text!r} of {place(row)} is not in {list_of}: {', '.join(number)[:200]}.")
+    return np.array([number[text] for text in texts], dtype=np.intp)[which]
+
+
 def _no_number(key: str, text: str) -> str:
     """Why a text is none, and what to do."""
     if unclear_comma(text):
         return "has a comma that may be a decimal mark or separate thousands; write a point, or no comma"
     if key == "where" and text.lower() not in ("", "nan", "inf", "-inf") and not any(map(str.isdecimal, text)):
-        return "is not one number; give positions with names a number in a table, where = TABLE.csv:COLUMN"
+        return f"is not one number; list the names of positions in their order in {option('where_values')}"
     return "is not one number"
 
 
@@ -322,6 +413,6 @@ def as_numbers(
             raise InputError(f"{option(key)}: {text!r} of {place(int(first[number]))} {_no_number(key, text)}.")
         numbers[number] = found[0]
         units.add(found[1])
-    if len(known := sorted(units & _LENGTHS_AND_ANGLES)) > 1:
+    if len(known := sorted(units & LENGTHS_AND_ANGLES)) > 1:
         raise InputError(f"{option(key)}: units differ, {' and '.join(known)}.")
     return numbers[which], units.pop() if len(units) == 1 else ""

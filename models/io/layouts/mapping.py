@@ -73,7 +73,7 @@ class TapMap(Checked, frozen=True, kw_only=True):
         session: Where its session stands.
         trial: Where its number stands.
         what_names: Names that `what` indexes.
-        where_values: Positions that `where` indexes.
+        where_values: Positions that `where` indexes, or their names in order.
         one_based: Whether these indices count from 1.
         what_value: Where the sizes of objects stand.
         what_unit: Unit of the sizes.
@@ -125,7 +125,7 @@ class TapMap(Checked, frozen=True, kw_only=True):
     session: str | None = None
     trial: str | None = None
     what_names: Names | None = None
-    where_values: Annotated[str | tuple[float, ...], wanted("a list of positions, or their array")] | None = None
+    where_values: Annotated[str | tuple[float | str, ...], wanted("a list of positions, or their array")] | None = None
     one_based: bool = False
     what_value: str | None = None
     what_unit: str | None = None

@@ -12,15 +12,16 @@ from ...settings import Missing
 from ..recording import as_samples, naming
 from .columns import FirstColumns, agreeing, taxel_columns, taxel_slice
 from .files import SourceFile
-from .formats.contents import Contents, Values
+from .formats.contents import Contents, Values, unit_at_end
 from .formats.registry import open_contents
-from .labels import Label, LabelSource, LabelTables, as_known, label_of, label_source, needed
+from .labels import LENGTHS_AND_ANGLES, Label, LabelSource, LabelTables, as_known, label_of, label_source, needed
 from .mapping import EXTRA, LABELS, PLANE, TapMap, option
 from .patterns import compiled_pattern, filled, is_pattern, natural
 from .rows import among_kept, check_labels, check_numbers, condition, kept, tap_columns, tap_starts
 from .signal import Signal, arranged, side_by_side, split_frames
 
-_UNITS = {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9}
+_UNITS = {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "µs": 1e-6, "usec": 1e-6}
+_UNITS |= {"ns": 1e-9, "nsec": 1e-9}
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,11 +73,11 @@ def pieces(files: Sequence[SourceFile], how: TapMap, tables: LabelTables, missin
             alone = _only_array(contents) if how.taps is None else None
             if how.taps is None and alone is None:
                 columns = first.setdefault(file.fields.get("taxel", ""), {})
-                yield _piece(_of_columns(file, contents, how, columns), tables, missing)
+                yield _piece(_of_columns(file, contents, how, tables, columns), tables, missing)
             else:
                 for names, fields in _arrays(how.taps or alone or "", file, contents):
                     whose = replace(file, fields=file.fields | fields)
-                    yield _piece(_of_arrays(whose, names, contents, how), tables, missing)
+                    yield _piece(_of_arrays(whose, names, contents, how, tables), tables, missing)
 
 
 def _only_array(contents: Contents) -> str | None:
@@ -92,10 +93,12 @@ def _arrays(
     Pieces are in natural order of their names.
     """
     if isinstance(pattern, tuple):
-        return [([contents.named(filled(name, file.fields)) for name in pattern], {})]
+        with naming(option("taps")):
+            return [([contents.named(filled(name, file.fields)) for name in pattern], {})]
     if pattern in contents.variables or not is_pattern(pattern):
-        return [([contents.named(pattern)], {})]
-    compiled = compiled_pattern(pattern, "taps (--taps)")
+        with naming(option("taps")):
+            return [([contents.named(pattern)], {})]
+    compiled = compiled_pattern(pattern, option("taps"))
     matches = ((name, compiled.fullmatch(name)) for name in contents.variables)
     found = [([name], match.groupdict()) for name, match in matches if match]
     if not found:
@@ -115,6 +118,12 @@ def sources_of(how: TapMap, fields: Mapping[str, str]) -> dict[str, LabelSource]
             found[key] = label_source(key, text)
         elif key in fields:
             found[key] = LabelSource(key, "field", key)
+        elif key == "where" and (axes := [axis for axis in PLANE if axis in fields]):
+            if axes[:2] != list(PLANE[:2]):
+                raise InputError(
+                    f"the field {{{axes[0]}}} of a name needs {{x}} and {{y}}, both of a place in a plane."
+                )
+            found |= {axis: LabelSource(axis, "field", axis) for axis in axes}
     if how.what_value is not None and how.what_value != "names":
         found["what_value"] = label_source("what_value", how.what_value)
     for name in how.extra:
@@ -202,11 +211,15 @@ class _Rows:
         return _Rows(signal, self.which[rows], labels, some(self.time_s), some(self.rises), numbers)
 
 
-def _of_columns(file: SourceFile, contents: Contents, how: TapMap, first: FirstColumns) -> _Read:
+def _of_columns(file: SourceFile, contents: Contents, how: TapMap, tables: LabelTables, first: FirstColumns) -> _Read:
     """Samples whose taxels are columns; those of further files agree with the first ones."""
-    columns = agreeing(taxel_columns(how, contents), contents, how, first)
     sources = sources_of(how, file.fields)
-    further, labels = _further(how, sources, file, contents), needed(list(sources.values()), file.fields, contents)
+    labels = needed(list(sources.values()), file, contents, tables)
+    further = _further(how, sources, file, contents, tables)
+    own = [of for key, of in sources.items() if not key.startswith(EXTRA)]
+    beside = [contents.named(filled(name, file.fields)) for name in (*tap_columns(how), *filter(None, [how.time]))]
+    chosen = taxel_columns(how, contents, {*needed(own, file, contents, tables), *beside})
+    columns = agreeing(chosen, contents, how, first)
     numbers = [name for name in further if name not in labels and contents.variables[name].dtype == np.float64]
     beside = [*columns, *(name for name in numbers if contents.variables[name].shape[1:] == ())]
     values, frames = contents.read([name for name in further if name not in beside[len(columns) :]], beside)
@@ -220,9 +233,9 @@ def _of_columns(file: SourceFile, contents: Contents, how: TapMap, first: FirstC
     return _Read(file, contents, how, signal, columns, values)
 
 
-def _of_arrays(file: SourceFile, names: Sequence[str], contents: Contents, how: TapMap) -> _Read:
+def _of_arrays(file: SourceFile, names: Sequence[str], contents: Contents, how: TapMap, tables: LabelTables) -> _Read:
     """Samples of one array, or of several side by side."""
-    further = _further(how, sources_of(how, file.fields), file, contents)
+    further = _further(how, sources_of(how, file.fields), file, contents, tables)
     values, _ = contents.read([*dict.fromkeys([*names, *further])])
     frames = how.tap is not None or how.trigger is not None
     signal = side_by_side([arranged(values[name], how.axis_names, name, frames) for name in names], names)
@@ -231,9 +244,11 @@ def _of_arrays(file: SourceFile, names: Sequence[str], contents: Contents, how: 
     return _Read(file, contents, how, signal, names, values)
 
 
-def _further(how: TapMap, sources: Mapping[str, LabelSource], file: SourceFile, contents: Contents) -> list[str]:
+def _further(
+    how: TapMap, sources: Mapping[str, LabelSource], file: SourceFile, contents: Contents, tables: LabelTables
+) -> list[str]:
     """Variables that are needed beside the samples."""
-    found = needed(list(sources.values()), file.fields, contents)
+    found = needed(list(sources.values()), file, contents, tables)
     named = [("time", how.time), ("keep", condition(how)[0]), ("signal", how.signal), *_tables(how).items()]
     for key, name in [*named, *(("tap", name) for name in tap_columns(how))]:
         if name:
@@ -313,18 +328,16 @@ def _check_rows(read: _Read, rows: _Rows, starts: NDArray[np.intp] | None) -> No
 
 
 def _label_units(sources: Mapping[str, LabelSource], file: SourceFile, contents: Contents) -> dict[str, str]:
-    """Units of labels that are columns or arrays."""
+    """Units of labels that are columns or arrays, as they or their names state them."""
     names = {key: filled(of.name, file.fields) for key, of in sources.items() if of.kind == "column"}
-    return {
-        key: contents.variables[contents.named(name)].unit
-        for key, name in names.items()
-        if name not in contents.attributes
-    }
+    full = {key: contents.named(name) for key, name in names.items() if name not in contents.attributes}
+    return {key: contents.variables[name].unit or unit_at_end(name, LENGTHS_AND_ANGLES) for key, name in full.items()}
 
 
 def _tables(how: TapMap) -> dict[str, str]:
     named = {"what_names": how.what_names, "where_values": how.where_values}
-    return {key: name for key, name in named.items() if isinstance(name, str)}
+    texts = {key: name for key, name in named.items() if isinstance(name, str)}
+    return {key: name for key, name in texts.items() if label_source(key, name).kind == "column"}
 
 
 def _times(read: _Read) -> NDArray[np.float64] | None:
@@ -338,12 +351,25 @@ def _times(read: _Read) -> NDArray[np.float64] | None:
     try:
         numbers = found.astype(np.float64)
     except ValueError:
-        raise InputError(f"time (--time): {how.time} holds texts, not numbers.") from None
+        return _clock(found, how.time)
     named = read.contents.named(filled(how.time, read.file.fields))
-    unit = how.time_unit or read.contents.variables[named].unit or "s"
+    rows, samples = len(read.signal.samples), {len(tap) for tap in read.signal.samples if read.signal.cut}
+    if numbers.shape not in {(rows,), *((J,) for J in samples), *((rows, J) for J in samples)}:
+        raise InputError(f"time (--time): {named} has shape {numbers.shape}, expected one value for each row or tap.")
+    unit = how.time_unit or read.contents.variables[named].unit or unit_at_end(named, _UNITS) or "s"
     if unit not in _UNITS:
         raise InputError(f"time (--time): {named} is in {unit!r}; say its unit with --time-unit s, ms, us or ns.")
     return numbers * _UNITS[unit]
+
+
+def _clock(texts: NDArray[Any], name: str) -> NDArray[np.float64]:
+    """Seconds since 1970 from dates with times."""
+    try:
+        times = texts.astype("datetime64[ns]")
+    except ValueError:
+        wanted = "numbers or times such as 2026-11-26 10:00:00.25"
+        raise InputError(f"time (--time): {name} holds texts such as {texts.flat[0]!s:.40}, not {wanted}.") from None
+    return np.where(np.isnat(times), np.nan, times.astype(np.int64) / 1e9)
 
 
 def _rate(time_s: NDArray[np.float64], signal: Signal, starts: NDArray[np.intp] | None) -> float | None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ...cutting.presses import numbers_or_truths
 from ...cutting.sessions import number_by_date
 from ...errors import InputError
-from ..recording import runs
+from ..recording import naming, runs
 from .formats.text_header import MISSING
 from .labels import Label, as_known, as_numbers, as_texts, label_source
 from .mapping import LABELS, PLANE, TapMap, option
@@ -207,10 +207,11 @@ def check_labels(
 
 def _compared(key: str, values: NDArray[Any], how: TapMap) -> NDArray[Any]:
     """Labels as a tap has them: positions rounded, dates without times."""
-    if how.where_round is not None and key in ("where", *PLANE):
-        return np.round(as_numbers(key, values)[0] / how.where_round)
-    if key == "session" and how.session is not None and label_source(key, how.session).kind == "date":
-        return number_by_date(values)
+    with naming(option(key)):
+        if how.where_round is not None and key in ("where", *PLANE):
+            return np.round(as_numbers(key, values)[0] / how.where_round)
+        if key == "session" and how.session is not None and label_source(key, how.session).kind in ("date", "day"):
+            return number_by_date(values)
     return values
 
 

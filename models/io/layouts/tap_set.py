@@ -78,9 +78,8 @@ def load_mapped(
             f"{option('trigger')}."
         )
     else:
-        taps, left_out = cut_already(mapped.recording, how, mapped.missing)
-        told = *mapped.left_out, *left_out
-    return MappedTaps(relabel(taps, what_unit=how.what_unit, citation=how.citation), told)
+        taps, told = cut_already(mapped.recording, how, mapped.missing)
+    return MappedTaps(relabel(taps, what_unit=how.what_unit, citation=how.citation), (*mapped.left_out, *told))
 
 
 def cut_streams(recording: Recording, how: TapMap, presses: Presses | None = None) -> tuple[TapSet, tuple[str, ...]]:

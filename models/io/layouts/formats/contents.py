@@ -2,7 +2,7 @@
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ....errors import InputError
 
 _LISTED = 8
+_AT_END = re.compile(r"[^\W_]+[_. -]([^\W\d_]+|°)$")
 _UNITS = (
     re.compile(r"(?P<name>.*\S)\s*\[(?P<unit>[^\]]*[^\W\d][^\]]*|[°%])\]"),
     re.compile(r"(?P<name>.*\S)\s*\((?P<unit>[^)]*[^\W\d][^)]*|[°%])\)"),
@@ -120,6 +121,12 @@ class Contents(ABC):
             raise InputError(f"{name} may be {' or '.join(found)}.")
         close = get_close_matches(name, self.variables, cutoff=0.5) or list(self.variables)[:_LISTED]
         raise InputError(f"no {'column' if self.table else 'array'} {name}; there is {', '.join(close) or 'none'}.")
+
+
+def unit_at_end(name: str, known: Collection[str]) -> str:
+    """Unit at the end of a name such as `time_ms`, if it is one of those known; empty otherwise."""
+    found = _AT_END.search(name)
+    return found[1] if found is not None and found[1] in known else ""
 
 
 def name_and_unit(header: str) -> tuple[str, str]:

@@ -85,3 +85,33 @@ def test_digits_with_underscores_are_no_number(tmp_path):
 def test_a_link_to_the_folder_itself_is_not_followed(tmp_path):
     (tmp_path / "loop").symlink_to(tmp_path)
     assert len(loaded(tmp_path, "s\n1\n", taxels="s").taps) == 1
+
+
+def test_no_pattern_takes_labels_for_taxels(tmp_path):
+    """Nor numbers of taps and times; a name or a number does."""
+    table = "time,tap,thing,s1,s2\n0,1,7,1,2\n0,2,8,3,4\n"
+    how = {"tap": "tap", "what": "thing", "time": "time"}
+    assert loaded(tmp_path, table, taxels="*", **how).taps.tolist() == [[[1, 2]], [[3, 4]]]
+    assert loaded(tmp_path, table, taxels=("t*", "s1"), **how | {"what": None}).taps.tolist() == [[[7, 1]], [[8, 3]]]
+    assert loaded(tmp_path, table, taxels=("thing", "s1"), **how).taps.tolist() == [[[7, 1]], [[8, 3]]]
+
+
+@pytest.mark.parametrize(
+    ("name", "times", "rate"),
+    [
+        ("time_ms", "0 10 20", 100),
+        ("t.us", "0 10 20", 1e5),
+        ("clock", "2026-11-26T10:00:00 2026-11-26T10:00:00.25 2026-11-26T10:00:00.50", 4),
+        ("times", "0 10 20", 0.1),
+    ],
+)
+def test_times_in_units_of_their_name_and_as_dates(name, times, rate, tmp_path):
+    rows = "".join(f"{time},{n}\n" for n, time in enumerate(times.split()))
+    assert loaded(tmp_path, f"{name},s\n{rows}", taxels="s", time=name).preprocessing.rate_hz == rate
+    with pytest.raises(InputError, match=r"time \(--time\): t holds texts such as noon, not numbers or times such as"):
+        loaded(tmp_path, "t,s\nnoon,1\n", taxels="s", time="t")
+
+
+def test_positions_in_the_unit_of_their_name(tmp_path):
+    assert loaded(tmp_path, "at_mm,s\n3,1\n", taxels="s", where="at_mm").where_unit == "mm"
+    assert loaded(tmp_path, "at_home,s\n3,1\n", taxels="s", where="at_home").where_unit == ""

@@ -99,3 +99,35 @@ def test_sessions_are_as_they_stand_if_they_are_whole_numbers(days, sessions, tm
     taps = load_mapped(tmp_path / "a.csv", TapMap(taxels="p", tap="row", session="day")).taps
 
     assert taps.session.tolist() == sessions
+
+
+@pytest.mark.parametrize("ids", [["3", "1", "2", "1"], ["3.0", "1", "2", "01"]])
+def test_a_column_of_both_tells_which_row_is_whose(ids, tmp_path):
+    """Numbers by their value, in any order."""
+    rows = "".join(f"{number},{n}\n" for n, number in enumerate(ids))
+    (tmp_path / "a.csv").write_text(f"id,p\n{rows}", encoding="utf-8")
+    (tmp_path / "names.csv").write_text("thing,id\none,1\ntwo,2\nthree,3\nfour,4\n", encoding="utf-8")
+    how = TapMap(taxels="p", tap="row", what="names.csv:thing")
+    taps = load_mapped(tmp_path / "a.csv", how).taps
+
+    assert [taps.what_name[m] for m in taps.what] == ["three", "one", "two", "one"]
+    for table, message in (("id,thing\n1,a\n3,b\n", "no row with id 2"), ("id,thing\n1,a\n1,b\n", "id 1 in two rows")):
+        (tmp_path / "names.csv").write_text(table, encoding="utf-8")
+        with pytest.raises(InputError, match=rf"what \(--what\): the table has {message}"):
+            load_mapped(tmp_path / "a.csv", how)
+
+
+def test_a_table_may_name_files_in_capitals(tmp_path):
+    written(tmp_path, ["Rec_a.txt", "rec_b.txt"])
+
+    assert found(tmp_path, "file,thing\nREC_B,cup\nrec_A,ball\n") == {0: "ball", 1: "cup"}
+
+
+@pytest.mark.parametrize("header", ["", "objects\n"])
+def test_names_may_be_lines_of_a_file(header, tmp_path):
+    """With or without a header."""
+    (tmp_path / "names.txt").write_text(f"{header}apple\npear\nplum\n", encoding="utf-8")
+    np.savez(tmp_path / "a.npz", x=np.zeros((3, 2, 2)), label=np.array([2, 0, 1]))
+    taps = load_mapped(tmp_path / "a.npz", TapMap(taps="x", what="label", what_names="names.txt")).taps
+
+    assert [taps.what_name[m] for m in taps.what] == ["plum", "apple", "pear"]

@@ -28,6 +28,7 @@ def arrays(tmp_path):
         file["four"], file["two_axes"], file["three"] = np.arange(4), np.zeros((5, 2)), np.zeros((3, 4, 3))
         file["side"] = [b"left", b"mid", b"right", b"left", b"mid"]
         file["nan"], file["complex"] = [0, 1, np.nan, 3, 4.0], np.zeros((5, 4, 3), complex)
+        file["large"] = np.full(5, 1e20)
         file["half_ends"], file["nan_ends"], file["word_ends"] = [4.5, 10], [4, np.nan, 10], [b"a", b"b"]
     return tmp_path / "h.h5"
 
@@ -47,11 +48,30 @@ def refused(source, **keys):
         ({"what": "thing", "what_value": "q"}, "r.csv: what_value (--what-value): no column q"),
         ({"extra": "q"}, "r.csv: extra (--extra) q: no column q"),
         ({"extra": "a"}, "r.csv: line 3: extra (--extra) a changes within a tap from 0 to 1"),
+        ({"session": "date:thing"}, "session (--session): date: no date in 'x'"),
+        ({"session": "gap:1"}, "session (--session): gap: needs time (--time), one for each tap or row"),
+        (
+            {"what": "n", "what_names": ("u", "v")},
+            "what (--what) is 2 for tap 2 of r.csv, which is no index of the 2 ent",
+        ),
+        (
+            {"what": "thing", "what_names": ("x", "z")},
+            "what (--what): 'y' of tap 1 of r.csv is not in what_names (--what",
+        ),
+        ({"what": "thing", "what_names": ("x", "y", "x")}, "what_names (--what-names) has a name twice: x, y, x."),
+        ({"what": "n", "what_names": ("u", "u")}, "what_names (--what-names) has a name twice: u, u."),
+        ({"what": "labels.csv:c"}, "what (--what): labels.csv: 1 rows for 4 taps, and no column with the names of"),
+        ({"length": 9}, "length (--length): no tap is left of 4. 4 taps left out: shorter than 9 samples."),
+        ({"align": "contact", "level": 1e9}, "align (--align): no tap is left of 4. 4 taps left out: without a sample"),
+        ({"keep": "a>99"}, "r.csv: no taps that keep (--keep) 'a>99' keeps."),
         ({"session": "date:q"}, "r.csv: session (--session): no column q"),
         ({"what": "labels.csv:q"}, "r.csv: what (--what): labels.csv: no column 'q'; columns: c, d."),
         ({"what": "nope.csv:q"}, "r.csv: what (--what): nope.csv: no such table"),
         ({"what": "others.csv:thing"}, "r.csv: what (--what): others.csv has no row for this file."),
-        ({"where": "thing"}, "where (--where): 'x' of tap 0 of r.csv is not one number; give positions with names"),
+        (
+            {"where": "thing"},
+            "where (--where): 'x' of tap 0 of r.csv is not one number; list the names of positions in th",
+        ),
         (
             {"what": "thing", "what_value": "thing"},
             "what_value (--what-value): 'x' of tap 0 of r.csv is not one number",
@@ -86,6 +106,11 @@ def test_of_a_table(keys, message, table):
         ({"taps": "side", "axes": "sample"}, "h.h5: taps (--taps): array side must hold real numbers"),
         ({"what": "two_axes"}, "h.h5: what (--what): two_axes has shape (5, 2), expected one value for each tap."),
         ({"where": "side"}, "where (--where): 'left' of tap 0 of h.h5 is not one number"),
+        ({"taps": "q"}, "h.h5: taps (--taps): no array q"),
+        ({"taps": ("taps", "q")}, "h.h5: taps (--taps): no array q"),
+        ({"trial": "large"}, "trial (--trial) is 1e+20 for tap 0 of h.h5, not an integer of up to 15 digits."),
+        ({"time": "four", "taps": "frames", "tap": "file"}, "h.h5: time (--time): four has shape (4,), expected one"),
+        ({"time": "two_axes", "taps": "frames", "tap": "file"}, "h.h5: time (--time): two_axes has shape (5, 2), exp"),
         ({"where": "nan"}, "where (--where): 'nan' of tap 2 of h.h5 is not one number."),
         ({"where": ["nan", "side"]}, "where (--where) x: 'nan' of tap 2 of h.h5 is not one number."),
         (

@@ -137,7 +137,7 @@ def test_taps_that_are_cut_are_resampled_with_their_record(tmp_path):
         ({"trigger": "signal", "signal": "day", "window": 3}, r"signal \(--signal\) day: must hold numbers or true"),
         ({"tap": "file", "taxels": "f2", "leave_out": "dead"}, r"leave_out \(--leave-out\): no taxel would be left"),
         ({"length": 3}, r"length \(--length\) is for taps"),
-        ({"session": "gap:long", "trigger": "clock", "window": 3}, r"session \(--session\) gap:long"),
+        ({"session": "gap:long", "trigger": "clock", "window": 3}, r"session \(--session\): gap:long"),
         ({"session": "gap:3", "trigger": "clock", "time": None, "window": 3}, r"needs time \(--time\)"),
     ],
 )
