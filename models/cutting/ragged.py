@@ -84,9 +84,12 @@ def even_taps(
     samples = np.full((len(aligned), J, aligned[0].shape[1]), np.nan, np.result_type(np.float32, *aligned))
     for row, tap in zip(samples, aligned, strict=True):
         row[: len(tap)] = tap[:J]
-    for changed, how in ((lengths > J, "cut to"), (lengths < J, "filled with NaN to")):
+    for changed, how, more in (
+        (lengths > J, "cut to", ""),
+        (lengths < J, "filled with NaN to", "; commands read them with --missing drop"),
+    ):
         if changed.any():
-            left_out.append(f"{counted(int(changed.sum()), 'tap')} {how} {counted(J, 'sample')}.")
+            left_out.append(f"{counted(int(changed.sum()), 'tap')} {how} {counted(J, 'sample')}{more}.")
     return EvenTaps(samples, kept, tuple(left_out))
 
 

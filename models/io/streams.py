@@ -30,6 +30,7 @@ class Segmented:
         incomplete: Number of taps cut short by the start or end of their stream.
         overlapping: Number of taps given up because the next press came before their end.
         outside: Number of events outside the streams and of presses that began before their stream.
+        touching: Number of streams that are in contact from their first frame on.
         silent: Streams without a complete tap, each with session, object and length.
     """
 
@@ -39,6 +40,7 @@ class Segmented:
     incomplete: int
     overlapping: int
     outside: int
+    touching: int
     silent: tuple[str, ...]
 
     @property
@@ -53,8 +55,14 @@ class Segmented:
         return (
             f"{counted(len(self.taps), 'tap')} from {counted(self.streams, 'stream')}{split}.",
             *(f"{counted(number, what)} left out: {why}." for number, what, why in lost if number),
+            *([f"{_at_once(self.touching, self.streams)}."] if self.touching else []),
             *(f"No tap in the stream of {stream}." for stream in self.silent),
         )
+
+
+def _at_once(touching: int, streams: int) -> str:
+    what = f"{touching} of {counted(streams, 'stream')} begin{'s' * (touching == 1)} in contact"
+    return f"{what}, at or beyond level (--level); --tare stream subtracts what the sensor shows at first"
 
 
 def stream_starts(recording: Recording) -> NDArray[np.intp]:
@@ -92,7 +100,7 @@ def segment(recording: Recording, preprocessing: Preprocessing, presses: Presses
     known, gap = _broken(recording)
     _check_finite(recording, preprocessing)
     frames, taps, rows, silent = recording.labels, list[NDArray[Any]](), list[int](), list[str]()
-    incomplete = overlapping = streams = 0
+    incomplete = overlapping = streams = touching = 0
     for first, last in _bounds(known | gap):
         cutter = TapCutter(preprocessing)
         found = list(_cut(cutter, recording.samples[first:last], _within(presses, first, last)))
@@ -100,12 +108,14 @@ def segment(recording: Recording, preprocessing: Preprocessing, presses: Presses
         rows += (first + tap.frame for tap in found)
         incomplete, overlapping = incomplete + cutter.incomplete, overlapping + cutter.overlapping
         streams += 1
+        touching += _begins_in_contact(recording.samples[first], preprocessing)
         if not found:
             name = frames.what_name[frames.what[first]]
             silent.append(f"session {frames.session[first]}, {name}, {last - first} frames")
     incomplete -= overlapping
     if not taps:
         why = _why(recording, preprocessing, incomplete, presses, overlapping)
+        why = f"{why}; {_at_once(touching, streams)}" if touching else why
         raise InputError(f"no tap found in {counted(streams, 'stream')}: {why}.")
     labels = frames.take(rows)
     return Segmented(
@@ -115,8 +125,18 @@ def segment(recording: Recording, preprocessing: Preprocessing, presses: Presses
         incomplete,
         overlapping,
         0 if presses is None else presses.outside,
+        touching,
         tuple(silent),
     )
+
+
+def _begins_in_contact(frame: NDArray[np.floating], preprocessing: Preprocessing) -> bool:
+    """Whether a first frame counts as contact as it stands."""
+    if preprocessing.trigger != "contact" or preprocessing.tare == "stream" or preprocessing.highpass_hz:
+        return False
+    used = frame if preprocessing.taxels is None else frame[list(preprocessing.taxels)]
+    level = preprocessing.trigger_level
+    return bool((used >= level).any() if level >= 0 else (used <= level).any())
 
 
 def _broken(recording: Recording) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:

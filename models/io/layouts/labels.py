@@ -214,9 +214,31 @@ def _names_of(file: SourceFile) -> tuple[str, ...]:
     return *names, *map(str.casefold, names)
 
 
+def _number_of(file: SourceFile) -> tuple[str, ...]:
+    """The only number in its name, by which a table may call a file as well."""
+    numbers = re.findall(r"\d+", file.path.stem)
+    return tuple(str(int(number)) for number in numbers) if len(numbers) == 1 else ()
+
+
 def rows_of(file: SourceFile, named: Mapping[str, list[int]]) -> list[int]:
     """Rows of a file among those by name, empty if it has none."""
-    return next((named[text] for text in _names_of(file) if text in named), [])
+    return next((named[text] for text in (*_names_of(file), *_number_of(file)) if text in named), [])
+
+
+def _naming(
+    columns: Mapping[str, NDArray[Any]], files: Sequence[SourceFile], names: Callable[[SourceFile], tuple[str, ...]]
+) -> NDArray[Any] | None:
+    """The column that has most of the names of the files."""
+    best, most = None, 0
+    for of in columns.values():
+        there = {*of.tolist(), *map(str.casefold, of.tolist())}
+        count = sum(any(text in there for text in names(file)) for file in files)
+        numbers = all(text.isdecimal() for text in there)
+        if numbers and (count < max(2, len(files)) or len(there) < len(of)):
+            count = 0
+        if count > most:
+            best, most = of, count
+    return best
 
 
 def rows_by_file(columns: Mapping[str, NDArray[Any]], files: Sequence[SourceFile]) -> dict[str, list[int]]:
@@ -227,16 +249,8 @@ def rows_by_file(columns: Mapping[str, NDArray[Any]], files: Sequence[SourceFile
     Raises:
         InputError: A name is that of files in several folders.
     """
-    best, most = None, 0
-    for of in columns.values():
-        there = {*of.tolist(), *map(str.casefold, of.tolist())}
-        named = [[text for text in _names_of(file) if text in there] for file in files]
-        count = sum(map(bool, named))
-        numbers = all(text.isdecimal() for text in there)
-        if numbers and (count < max(2, len(files)) or len(there) < len(of)):
-            count = 0
-        if count > most:
-            best, most = of, count
+    best = _naming(columns, files, _names_of)
+    best = _naming(columns, files, _number_of) if best is None else best
     if best is None:
         has_endings = any(ending(text) in ENDINGS for of in columns.values() for text in of[:1].tolist())
         return {"": []} if has_endings else {}

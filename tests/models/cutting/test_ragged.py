@@ -7,6 +7,8 @@ from hypothesis import strategies as st
 from solidtouch.models.cutting.ragged import even_taps
 from solidtouch.models.errors import InputError
 
+DROP = "; commands read them with --missing drop."
+
 
 def bumps(*shapes):
     """Taps of two taxels from (samples, place of a bump of 4 and 5); place `None` for none."""
@@ -36,13 +38,19 @@ def test_the_longest_gives_the_length_and_others_lack_samples_at_the_end():
     assert even.samples.shape == (3, 5, 2)
     assert np.isnan(even.samples).sum(axis=(1, 2)).tolist() == [4, 0, 2]
     np.testing.assert_array_equal(even.samples[2, :4], TAPS[2])
-    assert (even.left_out, even.missing) == (("2 taps filled with NaN to 5 samples.",), "drop")
+    assert (even.left_out, even.missing) == (
+        (f"2 taps filled with NaN to 5 samples{DROP}",),
+        "drop",
+    )
 
 
 def test_of_a_given_length_longer_taps_are_cut_and_shorter_ones_filled_or_left_out():
     filled, fewer = even_taps(TAPS, 4), even_taps(TAPS, 4, short="leave out")
 
-    assert filled.left_out == ("1 tap cut to 4 samples.", "1 tap filled with NaN to 4 samples.")
+    assert filled.left_out == (
+        "1 tap cut to 4 samples.",
+        f"1 tap filled with NaN to 4 samples{DROP}",
+    )
     assert np.isnan(filled.samples).sum(axis=(1, 2)).tolist() == [2, 0, 0]
     assert fewer.kept.tolist() == [1, 2]
     assert fewer.samples.tolist() == [TAPS[1][:4].tolist(), TAPS[2].tolist()]

@@ -236,3 +236,18 @@ def test_a_missing_sample_of_a_used_taxel_is_refused_with_its_row():
         segment(streams, CONTACT)
 
     assert segment(streams, replace(CONTACT, taxels=(1,))).taps.tap_shape == (4, 1)
+
+
+@pytest.mark.parametrize(("level", "sign"), [(2.0, 1), (-2.0, -1)])
+def test_streams_that_begin_in_contact_are_told(level, sign):
+    """As one that nobody tared: its first tap begins with the stream, not with a touch."""
+    rest = np.array([[200.0, 1.0]] * 5 + [[203.0, 1.0]] * 3 + [[200.0, 1.0]] * 5)
+    arrays = {"stream": sign * rest, "what": np.zeros(13), "what_names": np.array(["a"])}
+    recording = recording_from_arrays(arrays)
+    record = Preprocessing(samples=3, trigger="contact", trigger_level=level)
+    told = segment(recording, record).told
+    assert told[1].startswith("1 of 1 stream begins in contact, at or beyond level (--level); --tare stream subtracts")
+    tared = segment(recording, replace(record, tare="stream", tare_samples=2))
+    assert tared.told == ("1 tap from 1 stream.",)
+    with pytest.raises(InputError, match=r"no tap found .*; 1 of 1 stream begins in contact"):
+        segment(recording, replace(record, pre_samples=2))

@@ -131,3 +131,12 @@ def test_names_may_be_lines_of_a_file(header, tmp_path):
     taps = load_mapped(tmp_path / "a.npz", TapMap(taps="x", what="label", what_names="names.txt")).taps
 
     assert [taps.what_name[m] for m in taps.what] == ["plum", "apple", "pear"]
+
+
+def test_a_table_may_name_files_by_their_number(tmp_path):
+    """Though a column that names them as they are called goes before."""
+    written(tmp_path, ["rec_7.txt", "rec_8.txt", "rec_10.txt"])
+    by_number = "run,thing\n10,cup\n7,ball\n8,rod\n"
+    assert found(tmp_path, by_number) == {0: "ball", 1: "rod", 2: "cup"}
+    by_name = "at,file,thing\n7,rec_10,cup\n8,rec_7,ball\n10,rec_8,rod\n"
+    assert found(tmp_path, by_name) == {0: "ball", 1: "rod", 2: "cup"}
