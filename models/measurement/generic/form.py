@@ -26,9 +26,11 @@ from .runs import (
     bin_table,
     bin_tables,
     drawn,
+    in_states,
     key_from,
     log_probability,
     refuse_wrong,
+    stacked,
     under_all,
     under_own,
 )
@@ -76,6 +78,11 @@ class GenericForm:
             each = {id(one): jax.tree.map(partial(jnp.asarray, dtype=jnp.float64), one) for one in self.given}
         return tuple(each[id(one)] for one in self.given)
 
+    @cached_property
+    def _stacked(self) -> Given:
+        """What it is run at, with the states along the first axes."""
+        return stacked(self.given)
+
     @property
     def sessions(self) -> NDArray[np.intp]:
         """Index of the session of each state, shape (S,)."""
@@ -116,9 +123,11 @@ class GenericForm:
     def log_prob(self, taps: Any, edges: Any) -> jax.Array:
         """Log probability of the bins of taps (n, J, K) under every hypothesis, shape (n, L, H), in JAX."""
         L, M, _, _ = self.program.batch.shape
-        seen = _on_device(taps, edges)
-        parts = [under_all(self.program, given, self._scaled(seen, s)) for s, given in enumerate(self.known)]
-        return jnp.concatenate([part.reshape(-1, L, M) for part in parts], axis=2)
+        seen, S = _on_device(taps, edges), len(self.given)
+        if S == 1:
+            return under_all(self.program, self.known[0], self._scaled(seen, 0)).reshape(-1, L, M)
+        parts = in_states(self.program, self._stacked, self.gain, self.offset, self.scaling, seen)
+        return parts.reshape(S, -1, L, M).transpose(1, 2, 0, 3).reshape(-1, L, S * M)
 
     def prepare(self, impossible: NDArray[np.bool_]) -> "PreparedGeneric":
         """Precomputed form; hypotheses in the mask `impossible`, shape (L, H), have likelihood 0."""
@@ -142,9 +151,8 @@ class GenericForm:
             bins = self._every_bin(edges)
         for rows in _blocks(np.arange(len(given)), step):
             padded = np.resize(rows, step).tolist()  # a last block of another size would be compiled anew
-            some = jax.tree.map(lambda *each: np.stack(each, dtype=np.float64), *(given[d] for d in padded))
             with jax.enable_x64(True):
-                made = np.asarray(bin_tables(self.program, some, bins, session))
+                made = np.asarray(bin_tables(self.program, stacked([given[d] for d in padded]), bins, session))
             yield np.stack([self._by_class(one) for one in made[: len(rows)]])
 
     def _every_bin(self, edges: NDArray[np.float64]) -> Binned:

@@ -15,6 +15,7 @@ from numpyro.infer.util import log_density
 
 from ...errors import InputError
 from ..fits.present import peeled
+from ..scaling import Scaling
 from .contract import StoryCall, StoryFunction
 from .observed import BINS, Binned, Censored, InBin
 from .structure import OBSERVED, Structure
@@ -69,6 +70,11 @@ class Given(NamedTuple):
     latents: dict[str, Any]
     arguments: dict[str, Any] = {}  # noqa: RUF012 - never written
     least: Any = 0.0
+
+
+def stacked(given: Sequence[Given]) -> Given:
+    """Values of equal shapes along first axes, in double precision."""
+    return jax.tree.map(lambda *each: np.stack(each, dtype=np.float64), *given)
 
 
 def _run(program: Program, given: Given, batch: StoryCall, taps: Any, key: Any = 0) -> Any:
@@ -127,6 +133,19 @@ def under_all(program: Program, given: Given, taps: Binned) -> jax.Array:
     where, what = jnp.divmod(jnp.arange(L * M), M)
     each = jax.vmap(lambda one, l, m: log_probability(program, given, one, l, m), (None, 0, 0))
     return jax.vmap(lambda one: each(one, where, what))(taps)
+
+
+@partial(jax.jit, static_argnums=0)
+def in_states(
+    program: Program, given: Given, gain: jax.Array, offset: jax.Array, scaling: Scaling, taps: Binned
+) -> jax.Array:
+    """As `under_all` in each of S states, which are along the first axes of what is given, shape (S, n, L M)."""
+
+    def each(state: Any) -> jax.Array:
+        known, gain, offset = state
+        return under_all(program, known, taps.scaled(gain, offset, *scaling))
+
+    return jax.lax.map(each, (given, gain, offset))
 
 
 @partial(jax.jit, static_argnums=(0, 5))
