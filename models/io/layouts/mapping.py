@@ -61,6 +61,7 @@ class TapMap(Checked, frozen=True, kw_only=True):
         comment: What begins a comment.
         header: Whether there is a header.
         taxels: Columns that are taxels, or a slice of the taxels of `taps`.
+        taxel: Column that says which taxel a row is of, where each sample of each taxel has one.
         taps: Array of the samples.
         axes: Its axes, separated by commas.
         tap: Column that numbers the taps, or several, `"file"` or `"row"`; `"restart:COLUMN"` or `"ends:ARRAY"`.
@@ -113,6 +114,7 @@ class TapMap(Checked, frozen=True, kw_only=True):
     comment: str = ""
     header: bool = True
     taxels: Names | None = None
+    taxel: str | None = None
     taps: Names | None = None
     axes: str | None = None
     tap: Names | None = None

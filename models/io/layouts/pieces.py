@@ -15,6 +15,7 @@ from .files import SourceFile
 from .formats.contents import Contents, Values, unit_at_end
 from .formats.registry import open_contents
 from .labels import LENGTHS_AND_ANGLES, Label, LabelSource, LabelTables, as_known, label_of, label_source, needed
+from .long_table import widened
 from .mapping import EXTRA, LABELS, PLANE, TapMap, option
 from .patterns import compiled_pattern, filled, is_pattern, natural
 from .rows import among_kept, check_labels, check_numbers, condition, kept, tap_columns, tap_starts
@@ -142,6 +143,7 @@ class _Read:
         signal: The samples.
         names: Their columns or arrays.
         values: The variables beside them.
+        at: Rows of each taxel, shape (K, rows), of a long table.
     """
 
     file: SourceFile
@@ -150,6 +152,7 @@ class _Read:
     signal: Signal
     names: Sequence[str]
     values: Mapping[str, Values]
+    at: NDArray[np.intp] | None = None
 
     def of(self, name: str) -> Values:
         """The variable that a key of the map names."""
@@ -163,7 +166,7 @@ class _Read:
 
     def place(self, row: int) -> str:
         """Where a row or tap stands."""
-        return self.contents.place(row)
+        return self.contents.place(row if self.at is None else int(self.at[0, row]))
 
     def place_of_sample(self, which: NDArray[np.intp]) -> Callable[[tuple[int, ...]], str]:
         """Where a sample stands, by its index among those rows or taps of the file."""
@@ -171,6 +174,8 @@ class _Read:
 
         def place(index: tuple[int, ...]) -> str:
             row, *inside = int(which[index[0]]), *index[1:]
+            if self.at is not None:
+                return f"{self.contents.place(int(self.at[inside[0], row]))}, column {self.names[0]}"
             if self.contents.table and self.how.taps is None and axes[0] in ("sample", "tap"):
                 return f"{self.place(row)}, column {self.names[max(inside)]}"
             called = ("tap", "sample", "taxel") if len(index) > 2 else ("frame", "taxel")
@@ -217,20 +222,40 @@ def _of_columns(file: SourceFile, contents: Contents, how: TapMap, tables: Label
     labels = needed(list(sources.values()), file, contents, tables)
     further = _further(how, sources, file, contents, tables)
     own = [of for key, of in sources.items() if not key.startswith(EXTRA)]
-    beside = [contents.named(filled(name, file.fields)) for name in (*tap_columns(how), *filter(None, [how.time]))]
-    chosen = taxel_columns(how, contents, {*needed(own, file, contents, tables), *beside})
-    columns = agreeing(chosen, contents, how, first)
+    also = (*tap_columns(how), *filter(None, (how.time, how.taxel)))
+    also = [contents.named(filled(name, file.fields)) for name in also]
+    chosen = taxel_columns(how, contents, {*needed(own, file, contents, tables), *also})
+    columns = chosen if how.taxel is not None else agreeing(chosen, contents, how, first)
     numbers = [name for name in further if name not in labels and contents.variables[name].dtype == np.float64]
     beside = [*columns, *(name for name in numbers if contents.variables[name].shape[1:] == ())]
     values, frames = contents.read([name for name in further if name not in beside[len(columns) :]], beside)
     if frames is None:
         raise InputError("no taxels: say which columns they are with taxels (--taxels).")
     values |= {name: frames[:, len(columns) + n] for n, name in enumerate(beside[len(columns) :])}
-    axes = how.axis_names
+    axes, frames = how.axis_names, frames[:, : len(columns)]
     if axes is not None and len(axes) != 2:
         raise InputError(f"axes (--axes) {how.axes!r}: rows and columns are two axes.")
-    signal = arranged(frames[:, : len(columns)], axes, "the table", frames=True)
-    return _Read(file, contents, how, signal, columns, values)
+    if how.taxel is None:
+        return _Read(file, contents, how, arranged(frames, axes, "the table", frames=True), columns, values)
+    return _of_long_table(_Read(file, contents, how, Signal(frames), columns, values), first)
+
+
+def _of_long_table(read: _Read, first: FirstColumns) -> _Read:
+    """Samples of a table with a row for each of a taxel."""
+    how, frames = read.how, np.asarray(read.signal.samples)
+    key, column = option("taxel"), read.contents.named(filled(how.taxel or "", read.file.fields))
+    if len(read.names) != 1 or how.axes is not None:
+        what = "no axes (--axes)" if how.axes is not None else f"one column in taxels (--taxels), not {len(read.names)}"
+        raise InputError(f"{key}: a table with a row for each sample of each taxel has {what}.")
+    columns = {name: of for name, of in read.values.items() if isinstance(of, np.ndarray) and len(of) == len(frames)}
+    taxel = columns.pop(column)
+    names, at = widened(taxel, columns, read.contents.place, key)
+    first |= {} if first else dict.fromkeys(names, "")
+    if set(first) != set(names):
+        raise InputError(f"{key}: taxels are {', '.join(names)[:100]}, of the first file {', '.join(first)[:100]}.")
+    samples = np.ascontiguousarray(frames[:, 0][at].T)
+    values = {**read.values, **{name: of[at[0]] for name, of in columns.items()}}
+    return replace(read, signal=Signal(samples), values=values, at=at)
 
 
 def _of_arrays(file: SourceFile, names: Sequence[str], contents: Contents, how: TapMap, tables: LabelTables) -> _Read:
@@ -249,8 +274,8 @@ def _further(
 ) -> list[str]:
     """Variables that are needed beside the samples."""
     found = needed(list(sources.values()), file, contents, tables)
-    named = [("time", how.time), ("keep", condition(how)[0]), ("signal", how.signal), *_tables(how).items()]
-    for key, name in [*named, *(("tap", name) for name in tap_columns(how))]:
+    named = {"time": how.time, "taxel": how.taxel, "keep": condition(how)[0], "signal": how.signal} | _tables(how)
+    for key, name in [*named.items(), *(("tap", name) for name in tap_columns(how))]:
         if name:
             with naming(option(key)):
                 found.append(contents.named(filled(name, file.fields)))

@@ -164,6 +164,23 @@ def test_groups_and_structs(recording, data, tmp_path):
 
 @ANY
 @given(recording=recordings(), data=st.data())
+def test_long_tables(recording, data, tmp_path):
+    """A row for each sample of each taxel, taxel by taxel in each tap or sample by sample."""
+    samples, labels = flat(recording, data.draw(st.permutations(range(int(np.prod(recording[0].shape[:4]))))))
+    n, j, k = np.indices(samples.shape)
+    order = (k, j, n) if data.draw(st.booleans()) else (j, k, n)
+    at = np.lexsort([axis.reshape(-1) for axis in order])
+    table = labels.iloc[n.reshape(-1)[at]].assign(press=n.reshape(-1)[at], t=j.reshape(-1)[at] / 10)
+    table = table.assign(pad=[f"pad {each}" for each in k.reshape(-1)[at]], value=samples.reshape(-1)[at])
+    table.to_csv(tmp_path / "long.csv", index=False)
+    how = TapMap(taxels="value", taxel="pad", tap="press", time="t")
+    how = how.changed(what="thing", where="at", session="day", trial="rep")
+
+    assert found([tmp_path / "long.csv"], how) == wanted(recording)
+
+
+@ANY
+@given(recording=recordings(), data=st.data())
 def test_lists_in_cells(recording, data, tmp_path):
     """Of Parquet or JSON lines; some taps go on for longer, and are cut to the length of the others."""
     samples, labels = flat(recording, data.draw(st.permutations(range(int(np.prod(recording[0].shape[:4]))))))
