@@ -151,7 +151,9 @@ def _is_used(name: str, values: Any, samples: Any) -> bool:
 def _required(arrays: Mapping[str, Any], name: str) -> Any:
     if name not in arrays:
         there = ", ".join(sorted(arrays)) or "none"
-        raise InputError(f"missing array {name}; the file holds: {there}.")
+        raise InputError(
+            f"missing array {name}; the file holds: {there}. Of another layout, solidtouch convert --look shows more."
+        )
     return arrays[name]
 
 

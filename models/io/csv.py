@@ -88,9 +88,12 @@ def _check_header(header: Sequence[str]) -> None:
     if twice:
         raise InputError(f"line 1: column {twice[0]!r} is repeated.")
     if "what" not in header:
-        raise InputError(f"line 1: missing column what; columns, split at commas: {', '.join(header)[:200]}.")
+        raise InputError(
+            f"line 1: missing column what; columns, split at commas: {', '.join(header)[:200]}. Of another layout, "
+            "solidtouch convert --look shows what is there."
+        )
     if not any(name.startswith("taxel") for name in header):
-        raise InputError("line 1: no column name starts with taxel.")
+        raise InputError("line 1: no column name starts with taxel; solidtouch convert --look shows what is there.")
 
 
 def _whole(contents: Contents, columns: dict[str, NDArray[Any]]) -> dict[str, NDArray[np.int64]]:

@@ -37,6 +37,9 @@ def taxel_columns(how: TapMap, contents: Contents, others: Collection[str]) -> l
             pattern = _literal_brackets(text)
             matched = [name for name in names if fnmatchcase(name, pattern) and name not in others]
         else:
+            parts = [part.strip() for part in text.split(",")]
+            if len(parts) > 1 and set(parts) <= set(names):
+                raise InputError(f"taxels (--taxels) {text!r}: give the option once for each of these columns.")
             with naming(option("taxels")):
                 matched = [contents.named(text)]
         if not matched:

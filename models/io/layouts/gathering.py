@@ -90,5 +90,6 @@ def _parts(label: Any, sharing: Sequence[Piece]) -> list[NDArray[Any]]:
     if all(number == len(values) for number in taps):
         return [values] * len(sharing)
     raise InputError(
-        f"{label.table}: {len(values)} rows for {sum(taps)} taps, and no column with the names of the files."
+        f"{label.table}: {len(values)} rows for {sum(taps)} taps, and no column with the names of the files"
+        f"{'; its first line counts as a header' if len(values) == sum(taps) - 1 else ''}."
     )

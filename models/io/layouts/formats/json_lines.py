@@ -15,7 +15,7 @@ from ...untrusted import check_size, in_bytes
 from . import objects
 from .columns import Part, gathered
 from .contents import Contents, TextTable, Values
-from .text_lines import BLOCK, Lines, TextBlock
+from .text_lines import BLOCK, Lines, TextBlock, from_windows
 
 _IN_MEMORY = 12  # times the size of a document that its objects take
 _DOCUMENT = ".json"
@@ -154,7 +154,7 @@ def _rows(block: TextBlock) -> list[Any]:
 
 
 def _utf8(path: Path, most: int = -1) -> bytes:
-    """Bytes of a file, or the first ones, in UTF-8; those of no encoding of Unicode are taken for Latin-1."""
+    """Bytes of a file, or the first ones, in UTF-8; those of no encoding of Unicode are text of Windows."""
     try:
         with path.open("rb") as file:
             content = file.read(most)
@@ -164,7 +164,7 @@ def _utf8(path: Path, most: int = -1) -> bytes:
     try:
         return content.decode(encoding, "strict" if most < 0 else "ignore").encode()
     except UnicodeDecodeError:
-        return content.decode("latin-1").encode()
+        return from_windows(content)
 
 
 def closed(begin: bytes) -> bytes:

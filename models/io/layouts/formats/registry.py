@@ -45,12 +45,20 @@ _OPENERS = {
 _READ_AT_ONCE = {"jsonl", "mcap"}
 """Formats whose files are read, wholly or in part, when they are opened."""
 ROS1 = "messages of ROS 1 are not read; rosbags-convert --src IN.bag --dst OUT --dst-storage mcap makes those of ROS 2"
-_BAGS = {
+_WAYS_OUT = {
     ".bag": ROS1,
     ".db3": "rosbag2 in SQLite is not read; ros2 bag convert -i IN -o OUT.yaml, with storage_id: mcap, or mcap convert "
     "IN.db3 OUT.mcap makes an MCAP file of it",
 }
-"""What to do with files of robots that are not read, by their ending."""
+_WAYS_OUT |= dict.fromkeys((".xlsx", ".xls", ".ods"), "spreadsheets are not read; save the sheet as CSV")
+_WAYS_OUT |= dict.fromkeys(
+    (".gz", ".zip", ".7z", ".rar", ".tar", ".tgz", ".bz2", ".xz"), "archives are not read; unpack it"
+)
+_WAYS_OUT |= dict.fromkeys(
+    (".pkl", ".pickle", ".pt", ".pth", ".joblib"),
+    "pickled objects are never read, as they can run code; save its arrays with np.savez",
+)
+"""What to do with files that are not read, by their ending."""
 
 
 def ending(name: str) -> str:
@@ -59,9 +67,9 @@ def ending(name: str) -> str:
 
 
 def unknown(path: Path, names: Iterable[str], otherwise: str) -> InputError:
-    """Refusal of a file, or of a folder with these files: how to convert them if they are bags of ROS."""
-    bags = (text for name in names if (text := _BAGS.get(ending(name.removesuffix(".zstd")))))
-    return InputError(f"{path}: {next(bags, otherwise)}.")
+    """Refusal of a file, or of a folder with these files, with what to do if files of their kind are never read."""
+    ways_out = (text for name in names if (text := _WAYS_OUT.get(ending(name.removesuffix(".zstd")))))
+    return InputError(f"{path}: {next(ways_out, otherwise)}.")
 
 
 def open_contents(path: Path, how: TextTable, kind: str | None = None, most: int | None = None) -> Contents:

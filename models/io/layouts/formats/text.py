@@ -22,7 +22,7 @@ _TRUTHS = (b"rue", b"RUE", b"alse", b"ALSE")  # pandas takes columns of them for
 
 
 def open_text(path: Path, how: TextTable) -> Contents:
-    """A table of text in UTF-8, in UTF-16 with a byte order mark, or else in Latin-1.
+    """A table of text in UTF-8, in UTF-16 with a byte order mark, or else in that of Windows (Latin-1).
 
     Raises:
         InputError: It is no such table, or how it is split is not clear; the message names the option that tells.

@@ -38,7 +38,7 @@ class TextBlock(NamedTuple):
 
 
 class Lines:
-    """Lines of a text file in UTF-8, UTF-16 with a byte order mark, or else Latin-1, after those that are skipped.
+    """Lines of a text file in UTF-8, UTF-16 with a byte order mark, or else that of Windows, after those skipped.
 
     Line ends are those of any system. The first 4 MiB tell whether a file without a byte order mark is UTF-8.
 
@@ -59,7 +59,7 @@ class Lines:
         with self._opened() as file:
             begin = file.read(BLOCK)
         mark = next((mark for mark in _MARKS if begin.startswith(mark)), b"")
-        self._begin, self._encoding = len(mark), _MARKS.get(mark, "utf-8" if _is_utf8(begin) else "latin-1")
+        self._begin, self._encoding = len(mark), _MARKS.get(mark, "utf-8" if _is_utf8(begin) else "cp1252")
         if b"\0" in begin and not self._encoding.startswith("utf-16"):
             raise InputError("not a text table: it holds zero bytes; UTF-16 needs a byte order mark.")
 
@@ -92,8 +92,8 @@ class Lines:
 
     def _utf8(self, read: bytes, file: IO[bytes], line: int) -> bytes:
         """Bytes of a file in UTF-8, with as many more as the last character needs."""
-        if self._encoding == "latin-1":
-            return read if read.isascii() else read.decode("latin-1").encode()
+        if self._encoding == "cp1252":
+            return read if read.isascii() else from_windows(read)
         if self._encoding == "utf-8" and read.isascii():
             return read
         for _ in range(4):  # a character has up to four bytes
@@ -117,6 +117,14 @@ class Lines:
             content = self._comment.sub(rb"\1", content)
         if content:
             yield TextBlock(line, content)
+
+
+def from_windows(content: bytes) -> bytes:
+    """Text of Windows, or where that has no such characters of Latin-1, in UTF-8."""
+    try:
+        return content.decode("cp1252").encode()
+    except UnicodeDecodeError:
+        return content.decode("latin-1").encode()
 
 
 def _is_utf8(begin: bytes) -> bool:

@@ -179,3 +179,14 @@ def test_bags_say_what_makes_an_mcap_file_of_them(name, message, tmp_path):
     (folder / "metadata.yaml").write_text("rosbag2_bagfile_information:\n")
     assert refused(folder / name, taps="/skin").startswith(f"{name}: {message}")
     assert refused(folder, taps="/skin").startswith(f"bag: {message}")
+
+
+@pytest.mark.parametrize(
+    ("name", "way_out"),
+    [("a.xlsx", "save the sheet as CSV"), ("a.csv.gz", "unpack it"), ("a.pkl", "save its arrays with np.savez")],
+)
+def test_files_that_are_never_read_have_a_way_out(name, way_out, tmp_path):
+    (tmp_path / name).write_bytes(b"1")
+
+    assert way_out in refused(tmp_path / name, taxels="a")
+    assert way_out in refused(tmp_path, taxels="a")

@@ -41,7 +41,7 @@ def tables(draw):
     header, comment = draw(st.booleans()), draw(st.sampled_from(("", "#", "//")))
     spare = draw(st.booleans()) and name != "blank"
     end, skip = draw(st.sampled_from(("\n", "\r\n", "\r"))), draw(st.integers(0, 2))
-    encoding = draw(st.sampled_from(("utf-8", "utf-8-sig", "utf-16", "latin-1")))
+    encoding = draw(st.sampled_from(("utf-8", "utf-8-sig", "utf-16", "cp1252")))
     text = io.StringIO()
     ambiguous = comment or (name == "blank" and any("\t" in word for word in words))  # a tab is a blank, too
     quoting = csv.QUOTE_ALL if ambiguous else draw(st.sampled_from((csv.QUOTE_MINIMAL, csv.QUOTE_ALL)))
@@ -220,3 +220,12 @@ def test_a_large_table_stays_on_disk(tmp_path, monkeypatch):
     np.testing.assert_array_equal(read, numbers)
     monkeypatch.setattr(storage, "spooled", lambda parts, *_: (next(iter(parts)), None)[1])
     np.testing.assert_array_equal(contents.read([], "abc")[1], numbers)
+
+
+def test_signs_of_windows_are_read(tmp_path):
+    """And bytes that Windows has no sign for as in Latin-1."""
+    (tmp_path / "a.csv").write_bytes("a,b\n1,5 – 6 €\n".encode("cp1252"))
+    (tmp_path / "b.csv").write_bytes(b"a,b\n1,\x81\xe4\n")
+    read = [open_text(tmp_path / name, TextTable()).read(["b"])[0]["b"].tolist() for name in ("a.csv", "b.csv")]
+
+    assert read == [["5 – 6 €"], ["\x81ä"]]
