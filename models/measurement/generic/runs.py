@@ -219,9 +219,14 @@ def refuse_wrong(program: Program, log_prob: NDArray[np.float64], where: Any, wh
 
 def key_from(generator: np.random.Generator) -> jax.Array:
     """Key of JAX from a random generator."""
-    return jax.random.key(number_from(generator))
+    return key_of(number_from(generator))
 
 
 def number_from(generator: np.random.Generator) -> int:
     """Number of which `key_from` makes the key."""
     return int(generator.integers(2**31))
+
+
+def key_of(number: Any) -> jax.Array:
+    """Key of JAX from a number, in compiled functions, too."""
+    return jax.random.key(number)

@@ -18,7 +18,7 @@ from ...seeds import Purpose, generator
 from ..fits.posterior import Convergence, Posterior
 from ..likelihood.shapes import Parameters
 from .quantiles import at_quantiles
-from .runs import Program, key_from, number_from
+from .runs import Program, key_from, key_of, number_from
 from .structure import OBSERVED
 
 _TAILS = 2.0  # of a single variable: 128 points reach to 5 standard deviations of a normal prior
@@ -137,7 +137,7 @@ def _with_new_sessions(program: Program, latents: Any, number: jax.Array, quanti
 
     def each(own: Any) -> dict[str, jax.Array]:
         known, number, point = own
-        return _with_new_session(program, known, jax.random.key(number), point)
+        return _with_new_session(program, known, key_of(number), point)
 
     return jax.lax.map(each, (latents, number, quantiles))
 
