@@ -29,7 +29,7 @@ from ..errors import InputError
 from ..settings import Missing
 from .layouts.formats.contents import Contents, TextTable
 from .layouts.formats.registry import open_contents
-from .layouts.labels import as_known
+from .layouts.label_values import as_known
 from .layouts.patterns import natural
 from .recording import Labels, Recording, as_samples, concatenated, naming, runs
 

@@ -17,7 +17,9 @@ from ...taps import in_plane
 from ..recording import Labels, Recording, changed, concatenated, naming
 from .files import SourceFile, source_files, unmatched
 from .gathering import with_all_taxels, with_ordered_labels
-from .labels import LabelTables, are_names, as_numbers, as_texts, by_name, distinct, label_source
+from .label_tables import LabelTables
+from .label_values import are_names, as_numbers, as_texts, by_name, distinct
+from .labels import label_source
 from .mapping import EXTRA, PLANE, TapMap, option
 from .patterns import natural
 from .pieces import Piece, pieces

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
-from .labels import as_known, as_texts, distinct
+from .label_values import as_known, as_texts, distinct
 from .patterns import natural
 
 

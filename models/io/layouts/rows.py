@@ -13,7 +13,8 @@ from ...cutting.sessions import number_by_date
 from ...errors import InputError
 from ..recording import naming, runs
 from .formats.text_header import MISSING
-from .labels import Label, as_known, as_numbers, as_texts, label_source
+from .label_values import as_known, as_numbers, as_texts
+from .labels import Label, label_source
 from .mapping import LABELS, PLANE, TapMap, option
 
 _CONDITION = re.compile(r"(.+?)(!=|==|<=|>=|=|<|>)(.*)")

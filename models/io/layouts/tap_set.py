@@ -21,7 +21,9 @@ from ..recording import Recording, naming
 from ..streams import segment, stream_starts
 from .assemble import Mapped, read_mapped
 from .files import SourceFile
-from .labels import as_known, as_numbers, label_source, rows_by_file, rows_of
+from .label_tables import rows_by_file, rows_of
+from .label_values import as_known, as_numbers
+from .labels import label_source
 from .mapping import TapMap, check_cutting, load_map, option
 
 

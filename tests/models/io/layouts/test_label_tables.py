@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from solidtouch.models.errors import InputError
-from solidtouch.models.io.layouts.labels import distinct
+from solidtouch.models.io.layouts.label_values import distinct
 from solidtouch.models.io.layouts.mapping import TapMap
 from solidtouch.models.io.layouts.tap_set import load_mapped
 

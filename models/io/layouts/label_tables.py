@@ -1,0 +1,211 @@
+"""Tables of labels beside a recording."""
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError
+from .files import SourceFile
+from .formats.contents import Contents, TextTable, Values
+from .formats.registry import ENDINGS, ending, open_contents
+from .label_values import as_known, as_texts, distinct
+from .labels import ByOrder, Label, LabelSource
+from .patterns import filled
+
+_EXACT = 4  # names of a file as they are written
+_HEADERS = {"what", "where", "name", "object", "label", "class", "position", "value", "id", "what_name", "where_value"}
+"""Of lists of names and positions; another first line is the first of them."""
+
+
+@dataclass(frozen=True, eq=False)
+class LabelTables:
+    """Tables beside the recording.
+
+    Attributes:
+        folders: Where they are looked for, in this order.
+        how: How they are written.
+        files: All files of the recording.
+    """
+
+    folders: Sequence[Path]
+    how: TextTable
+    files: Sequence[SourceFile] = ()
+    _known: dict[Path, dict[str, NDArray[Any]]] = field(default_factory=dict)
+    _naming: dict[tuple[Path, str], dict[str, list[int]]] = field(default_factory=dict)
+
+    @cached_property
+    def numbers(self) -> Mapping[Path, int]:
+        """Number of each file of the recording, from 0."""
+        return {file.path: number for number, file in enumerate(self.files)}
+
+    def label(
+        self, source: LabelSource, file: SourceFile, rows: int, contents: Contents, found: Mapping[str, Values]
+    ) -> Label:
+        """Values of a column: in the rows that name the file, else by a column that both have, else in their order.
+
+        Args:
+            source: The table and column; the only column needs no name.
+            file: The file that is labelled.
+            rows: Number of its rows, or of its taps.
+            contents: What it holds.
+            found: Its variables that were read.
+
+        Raises:
+            InputError: There is no such table or column, or no row for this file, or for a row of it.
+        """
+        name = filled(source.name, file.fields)
+        values, _ = self.column(source, file)
+        if (shared := self.shared(source, file, contents)) is not None:
+            return values[_matching(self._columns(self._place(name, file))[shared], np.asarray(found[shared]), shared)]
+        named = self._named(source, file)
+        if named:
+            if not (of_file := rows_of(file, named)):
+                raise InputError(f"{name} has no row for this file.")
+            return str(values[of_file[0]]) if len(of_file) == 1 else values[of_file]
+        return values if len(self.files) == 1 and len(values) == rows else ByOrder(values, name)
+
+    def names(self, source: LabelSource, file: SourceFile) -> NDArray[Any]:
+        """Values of a column; of a list without a header all lines.
+
+        Raises:
+            InputError: As of `column`.
+        """
+        values, _ = self.column(source, file)
+        columns = self._columns(self._place(source.name, file))
+        header = next(iter(columns))
+        if len(columns) > 1 or source.column or header.casefold().removesuffix("s") in _HEADERS:
+            return values
+        return np.array([header, *as_texts(values)])
+
+    def shared(self, source: LabelSource, file: SourceFile, contents: Contents) -> str | None:
+        """The column that both a table, which does not name files, and a file have, beside that of the labels."""
+        values, _ = self.column(source, file)
+        columns = self._columns(self._place(filled(source.name, file.fields), file))
+        both = [key for key, of in columns.items() if key in contents.variables and of is not values]
+        both = [key for key in both if len(contents.variables[key].shape) == 1 and not key.isdecimal()]
+        return both[0] if both and not self._named(source, file) else None
+
+    def _named(self, source: LabelSource, file: SourceFile) -> Mapping[str, list[int]]:
+        """Rows of a table by the name of their file, see `rows_by_file`."""
+        path = self._place(filled(source.name, file.fields), file)
+        if (path, source.column) not in self._naming:
+            below = [each for each in self.files if each.path.is_relative_to(path.parent)] or list(self.files)
+            self._naming[path, source.column] = rows_by_file(self.column(source, file)[1], below)
+        return self._naming[path, source.column]
+
+    def column(self, source: LabelSource, file: SourceFile) -> tuple[NDArray[Any], dict[str, NDArray[Any]]]:
+        """A column of a table beside a file or in another folder, and the other columns that hold texts.
+
+        Args:
+            source: The table and column; the only column, and one that is called like the label, needs no name.
+            file: The file.
+
+        Raises:
+            InputError: There is no such table or column, or the table is damaged.
+        """
+        name = filled(source.name, file.fields)
+        columns = self._columns(self._place(name, file))
+        column = source.column or (next(iter(columns)) if len(columns) == 1 else source.key)
+        if column not in columns:
+            raise InputError(f"{name}: no column {column!r}; columns: {', '.join(columns)[:200]}.")
+        return columns[column], {key: of for key, of in columns.items() if key != column and of.dtype.kind == "U"}
+
+    def _place(self, name: str, file: SourceFile) -> Path:
+        folders = [file.path.parent, *self.folders]
+        path = next((there for folder in folders if (there := folder / name).is_file()), None)
+        if path is None:
+            places = ", ".join(dict.fromkeys(str(folder) for folder in folders))
+            raise InputError(f"{name}: no such table; looked in {places}.")
+        return path
+
+    def _columns(self, path: Path) -> Mapping[str, NDArray[Any]]:
+        """Columns of a table, or the arrays of one axis of a file."""
+        if path not in self._known:
+            contents = open_contents(path, self.how)
+            values = contents.read(list(contents.variables))[0]
+            arrays = {key: of for key, of in values.items() if isinstance(of, np.ndarray)}
+            self._known[path] = {
+                key: of.reshape(-1) for key, of in arrays.items() if of.size == max(of.shape, default=1)
+            }
+        return self._known[path]
+
+
+def _matching(keys: NDArray[Any], wanted: NDArray[Any], name: str) -> NDArray[np.intp]:
+    """The row of each wanted key, of numbers by their value."""
+    rows: dict[str, int] = {}
+    for row, text in enumerate(as_texts(as_known(keys))):
+        if rows.setdefault(text, row) != row:
+            raise InputError(f"the table has {name} {text} in two rows.")
+    texts, _, which = distinct(as_known(wanted))
+    missing = [text for text in texts if text not in rows]
+    if missing:
+        raise InputError(f"the table has no row with {name} {missing[0]}.")
+    return np.array([rows[text] for text in texts])[which]
+
+
+def _names_of(file: SourceFile) -> tuple[str, ...]:
+    """What a table may call a file, with large or small letters."""
+    free = file.below.rpartition(".")[0] or file.below
+    names = file.below, free, file.path.name, free.rpartition("/")[2]
+    return *names, *map(str.casefold, names)
+
+
+def _number_of(file: SourceFile) -> tuple[str, ...]:
+    """The only number in its name, by which a table may call a file as well."""
+    numbers = re.findall(r"\d+", file.path.stem)
+    return tuple(str(int(number)) for number in numbers) if len(numbers) == 1 else ()
+
+
+def rows_of(file: SourceFile, named: Mapping[str, list[int]]) -> list[int]:
+    """Rows of a file among those by name, empty if it has none."""
+    return next((named[text] for text in (*_names_of(file), *_number_of(file)) if text in named), [])
+
+
+def _naming(
+    columns: Mapping[str, NDArray[Any]], files: Sequence[SourceFile], names: Callable[[SourceFile], tuple[str, ...]]
+) -> NDArray[Any] | None:
+    """The column that has most of the names of the files."""
+    best, most = None, 0
+    for of in columns.values():
+        there = {*of.tolist(), *map(str.casefold, of.tolist())}
+        count = sum(any(text in there for text in names(file)) for file in files)
+        numbers = all(text.isdecimal() for text in there)
+        if numbers and (count < max(2, len(files)) or len(there) < len(of)):
+            count = 0
+        if count > most:
+            best, most = of, count
+    return best
+
+
+def rows_by_file(columns: Mapping[str, NDArray[Any]], files: Sequence[SourceFile]) -> dict[str, list[int]]:
+    """Rows by the name of their file, from the column that names most files; empty where none does.
+
+    A column of plain numbers names files only if it names all of several, each once: it may count something else.
+
+    Raises:
+        InputError: A name is that of files in several folders.
+    """
+    best = _naming(columns, files, _names_of)
+    best = _naming(columns, files, _number_of) if best is None else best
+    if best is None:
+        has_endings = any(ending(text) in ENDINGS for of in columns.values() for text in of[:1].tolist())
+        return {"": []} if has_endings else {}
+    rows: dict[str, list[int]] = {}
+    exact = {text for file in files for text in _names_of(file)[:_EXACT]}
+    for row, text in enumerate(best.tolist()):
+        rows.setdefault(text if text in exact else text.casefold(), []).append(row)
+    used: dict[str, SourceFile] = {}
+    for file in files:
+        text = next((text for text in _names_of(file) if text in rows), None)
+        if text is not None and used.setdefault(text, file) is not file:
+            raise InputError(
+                f"the table of labels names {text}, which {used[text].below} and {file.below} may be; write the folder "
+                "before the name, as in a/1.csv."
+            )
+    return rows

@@ -1,0 +1,225 @@
+"""What is read of a file: its samples, and the variables that hold labels."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError
+from ..recording import naming
+from .columns import FirstColumns, agreeing, taxel_columns, taxel_slice
+from .files import SourceFile
+from .formats.contents import Contents, Values
+from .label_tables import LabelTables
+from .labels import Label, LabelSource, label_source
+from .long_table import widened
+from .mapping import EXTRA, LABELS, PLANE, TapMap, option
+from .patterns import filled
+from .rows import condition, tap_columns
+from .signal import Signal, arranged, side_by_side
+
+
+def sources_of(how: TapMap, fields: Mapping[str, str]) -> dict[str, LabelSource]:
+    """Where each label stands that is anywhere: keys of the map, else fields of a name."""
+    found: dict[str, LabelSource] = {}
+    for key in LABELS:
+        text = getattr(how, key)
+        if isinstance(text, tuple):
+            found |= {axis: label_source(axis, each) for axis, each in zip(PLANE, text, strict=False)}
+        elif text is not None:
+            found[key] = label_source(key, text)
+        elif key in fields:
+            found[key] = LabelSource(key, "field", key)
+        elif key == "where" and (axes := [axis for axis in PLANE if axis in fields]):
+            if axes[:2] != list(PLANE[:2]):
+                raise InputError(
+                    f"the field {{{axes[0]}}} of a name needs {{x}} and {{y}}, both of a place in a plane."
+                )
+            found |= {axis: LabelSource(axis, "field", axis) for axis in axes}
+    if how.what_value is not None and how.what_value != "names":
+        found["what_value"] = label_source("what_value", how.what_value)
+    for name in how.extra:
+        found[EXTRA + name] = label_source(EXTRA + name, name)
+    return found
+
+
+def needed(sources: Sequence[LabelSource], file: SourceFile, contents: Contents, tables: LabelTables) -> list[str]:
+    """Variables of a file that hold labels, or that a table of labels has as well."""
+    found = []
+    for source in sources:
+        name = filled(source.name, file.fields)
+        with naming(option(source.key)):
+            if source.kind in ("column", "date") and name not in contents.attributes:
+                found.append(contents.named(name))
+            elif source.kind == "table" and (shared := tables.shared(source, file, contents)) is not None:
+                found.append(shared)
+    return found
+
+
+def label_of(
+    source: LabelSource,
+    file: SourceFile,
+    contents: Contents,
+    values: Mapping[str, Values],
+    tables: LabelTables,
+    rows: int,
+) -> Label:
+    """A label of the taps or rows of a file, of which there are so many.
+
+    Raises:
+        InputError: It is nowhere, or differs in shape between rows; the message names the key.
+    """
+    with naming(option(source.key)):
+        match source.kind:
+            case "constant":
+                return source.name
+            case "field" | "day":
+                return file.fields[source.name]
+            case "table":
+                return tables.label(source, file, rows, contents, values)
+            case "file":
+                return tables.numbers[file.path]
+            case "gap":
+                return ""
+            case _:
+                return _in_file(filled(source.name, file.fields), contents, values)
+
+
+def _in_file(name: str, contents: Contents, values: Mapping[str, Values]) -> Label:
+    """An attribute, or the values of a column or array."""
+    if name in contents.attributes and name not in contents.variables:
+        return contents.attributes[name]
+    found = values[contents.named(name)]
+    if isinstance(found, list):
+        raise InputError(f"{name} has elements of different shapes, so it holds no labels.")
+    found = found.reshape(-1) if found.size == max(found.shape, default=1) else found
+    if found.ndim > 1:
+        raise InputError(f"{name} has shape {found.shape}, expected one value for each tap.")
+    return found if found.size != 1 else found.reshape(-1)[0].item()
+
+
+@dataclass(frozen=True, eq=False)
+class FileRead:
+    """What was read of a file for a piece.
+
+    Attributes:
+        file: The file.
+        contents: What it holds.
+        how: The map.
+        signal: The samples.
+        names: Their columns or arrays.
+        values: The variables beside them.
+        at: Rows of each taxel, shape (K, rows), of a long table.
+    """
+
+    file: SourceFile
+    contents: Contents
+    how: TapMap
+    signal: Signal
+    names: Sequence[str]
+    values: Mapping[str, Values]
+    at: NDArray[np.intp] | None = None
+
+    def of(self, name: str) -> Values:
+        """The variable that a key of the map names."""
+        return self.values[self.contents.named(filled(name, self.file.fields))]
+
+    @property
+    def unit(self) -> str:
+        """Unit of the samples, if the file states one for all."""
+        units = {self.contents.variables[name].unit for name in self.names}
+        return units.pop() if len(units) == 1 else ""
+
+    def place(self, row: int) -> str:
+        """Where a row or tap stands."""
+        return self.contents.place(row if self.at is None else int(self.at[0, row]))
+
+    def place_of_sample(self, which: NDArray[np.intp]) -> Callable[[tuple[int, ...]], str]:
+        """Where a sample stands, by its index among those rows or taps of the file."""
+        axes = self.how.axis_names or ("sample",)
+
+        def place(index: tuple[int, ...]) -> str:
+            row, *inside = int(which[index[0]]), *index[1:]
+            if self.at is not None:
+                return f"{self.contents.place(int(self.at[inside[0], row]))}, column {self.names[0]}"
+            if self.contents.table and self.how.taps is None and axes[0] in ("sample", "tap"):
+                return f"{self.place(row)}, column {self.names[max(inside)]}"
+            called = ("tap", "sample", "taxel") if len(index) > 2 else ("frame", "taxel")
+            whose = f" of {self.names[0]}" if len(self.names) == 1 else ""
+            return ", ".join(f"{name} {n}" for name, n in zip(called, (row, *inside), strict=True)) + whose
+
+        return place
+
+
+def of_columns(file: SourceFile, contents: Contents, how: TapMap, tables: LabelTables, first: FirstColumns) -> FileRead:
+    """Samples whose taxels are columns; those of further files agree with the first ones."""
+    sources = sources_of(how, file.fields)
+    labels = needed(list(sources.values()), file, contents, tables)
+    further = _further(how, sources, file, contents, tables)
+    own = [of for key, of in sources.items() if not key.startswith(EXTRA)]
+    also = (*tap_columns(how), *filter(None, (how.time, how.taxel)))
+    also = [contents.named(filled(name, file.fields)) for name in also]
+    chosen = taxel_columns(how, contents, {*needed(own, file, contents, tables), *also})
+    columns = chosen if how.taxel is not None else agreeing(chosen, contents, how, first)
+    numbers = [name for name in further if name not in labels and contents.variables[name].dtype == np.float64]
+    beside = [*columns, *(name for name in numbers if contents.variables[name].shape[1:] == ())]
+    values, frames = contents.read([name for name in further if name not in beside[len(columns) :]], beside)
+    if frames is None:
+        raise InputError("no taxels: say which columns they are with taxels (--taxels).")
+    values |= {name: frames[:, len(columns) + n] for n, name in enumerate(beside[len(columns) :])}
+    axes, frames = how.axis_names, frames[:, : len(columns)]
+    if axes is not None and len(axes) != 2:
+        raise InputError(f"axes (--axes) {how.axes!r}: rows and columns are two axes.")
+    if how.taxel is None:
+        return FileRead(file, contents, how, arranged(frames, axes, "the table", frames=True), columns, values)
+    return _of_long_table(FileRead(file, contents, how, Signal(frames), columns, values), first)
+
+
+def _of_long_table(read: FileRead, first: FirstColumns) -> FileRead:
+    """Samples of a table with a row for each of a taxel."""
+    how, frames = read.how, np.asarray(read.signal.samples)
+    key, column = option("taxel"), read.contents.named(filled(how.taxel or "", read.file.fields))
+    if len(read.names) != 1 or how.axes is not None:
+        what = "no axes (--axes)" if how.axes is not None else f"one column in taxels (--taxels), not {len(read.names)}"
+        raise InputError(f"{key}: a table with a row for each sample of each taxel has {what}.")
+    columns = {name: of for name, of in read.values.items() if isinstance(of, np.ndarray) and len(of) == len(frames)}
+    taxel = columns.pop(column)
+    names, at = widened(taxel, columns, read.contents.place, key)
+    first |= {} if first else dict.fromkeys(names, "")
+    if set(first) != set(names):
+        raise InputError(f"{key}: taxels are {', '.join(names)[:100]}, of the first file {', '.join(first)[:100]}.")
+    samples = np.ascontiguousarray(frames[:, 0][at].T)
+    values = {**read.values, **{name: of[at[0]] for name, of in columns.items()}}
+    return replace(read, signal=Signal(samples), values=values, at=at)
+
+
+def of_arrays(file: SourceFile, names: Sequence[str], contents: Contents, how: TapMap, tables: LabelTables) -> FileRead:
+    """Samples of one array, or of several side by side."""
+    further = _further(how, sources_of(how, file.fields), file, contents, tables)
+    values, _ = contents.read([*dict.fromkeys([*names, *further])])
+    frames = how.tap is not None or how.trigger is not None
+    signal = side_by_side([arranged(values[name], how.axis_names, name, frames) for name in names], names)
+    if how.taxels is not None:
+        signal = signal.with_taxels(taxel_slice(how))
+    return FileRead(file, contents, how, signal, names, values)
+
+
+def _further(
+    how: TapMap, sources: Mapping[str, LabelSource], file: SourceFile, contents: Contents, tables: LabelTables
+) -> list[str]:
+    """Variables that are needed beside the samples."""
+    found = needed(list(sources.values()), file, contents, tables)
+    named = {"time": how.time, "taxel": how.taxel, "keep": condition(how)[0], "signal": how.signal} | tables_of(how)
+    for key, name in [*named.items(), *(("tap", name) for name in tap_columns(how))]:
+        if name:
+            with naming(option(key)):
+                found.append(contents.named(filled(name, file.fields)))
+    return [*dict.fromkeys(found)]
+
+
+def tables_of(how: TapMap) -> dict[str, str]:
+    """Arrays of the file that hold names or positions which labels index, by key of the map."""
+    named = {"what_names": how.what_names, "where_values": how.where_values}
+    texts = {key: name for key, name in named.items() if isinstance(name, str)}
+    return {key: name for key, name in texts.items() if label_source(key, name).kind == "column"}
