@@ -1,6 +1,7 @@
 """What is in files of an unknown layout, and a map to begin with, as one text that is a map itself."""
 
 import json
+import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -16,10 +17,16 @@ from .files import SourceFile, is_folder, kinds_of, names_below, source_files
 from .formats.contents import Contents, Variable
 from .formats.objects import REST
 from .formats.registry import ending, open_contents
-from .guess import Guess, array_guesses, column_guesses, name_pattern, shape_of, size_of
+from .guess import Guess, column_guesses, shape_of, size_of
+from .guess_arrays import array_guesses, names_beside
+from .guess_names import name_pattern
 from .mapping import TapMap
 
-_MOST_NAMES, _MOST_VARIABLES = 6, 40
+_MOST_NAMES, _MOST_VARIABLES, _MOST_ATTRIBUTES = 6, 40, 12
+_COMPARED = 6
+"""Files whose arrays are compared."""
+_GERMAN = re.compile(r"-?(\d+|\d{1,3}(\.\d{3})+),\d+")
+"""A number with a decimal comma."""
 _SMALL = 1 << 27
 """Bytes of arrays that are read to show their range."""
 _BLOCKS = 4
@@ -42,18 +49,26 @@ def look(sources: Sequence[str | Path], how: TapMap) -> str:
     lines: list[str] = []
     for path in paths:
         lines += _files(path)
-    kind = None if how.files is not None else _kind(paths)
+    kinds = {} if how.files is not None else _kinds(paths)
+    kind = max(kinds, key=lambda each: kinds[each], default=None)
     files = source_files(paths, how if kind is None else how.changed(files=f"**/*{kind}"))
-    names = [file.below for file in files]
     guesses: list[Guess] = []
-    if how.files is None and len(files) > 1:
-        pattern, guesses = name_pattern(names)
-        guesses.insert(0, Guess("files", pattern or f"**/*{kind}", f"{len(files)} files"))
+    if how.files is None and (len(files) > 1 or len(kinds) > 1):
+        pattern, guesses = name_pattern([file.below for file in files])
+        guesses.insert(0, Guess("files", pattern or f"**/*{kind}", counted(len(files), "file")))
     contents = open_contents(files[0].path, how.text_table, how.format, _BLOCKS)
-    lines += ["", f"{files[0].below}:", *_held(contents, values := _read(contents))]
-    lines += _differences(files[1:2], contents, how)
-    guesses += _inside(contents, values, guesses, several=len(files) > 1)
-    guesses = [guess for guess in guesses if getattr(how, guess.key) == getattr(TapMap(), guess.key)]
+    values, written = _read(contents), how
+    if (comma := _with_comma(values, how)) is not None:
+        guesses.append(comma)
+        written = how.changed(decimal=",")
+        contents = open_contents(files[0].path, written.text_table, how.format, _BLOCKS)
+        values = _read(contents)
+    lines += ["", f"{files[0].below}:", *_held(contents, values)]
+    others = [open_contents(file.path, written.text_table, how.format, _BLOCKS) for file in _compared(files, contents)]
+    lines += _differences(others[:1], contents, files[1:2])
+    guesses += _inside(contents, values, others, guesses)
+    guesses += names_beside(files[0].path, guesses, contents, values)
+    guesses = [guess for guess in guesses if guess.of_names or getattr(how, guess.key) == getattr(TapMap(), guess.key)]
     size = sum(file.path.stat().st_size for file in files)
     if size > _TRIED or REST in contents.unreadable:
         result = f"This map was not tried on {in_bytes(size)}."
@@ -64,17 +79,34 @@ def look(sources: Sequence[str | Path], how: TapMap) -> str:
     return "\n".join([*comments, "", *_map(how, guesses), f"# {result}", ""])
 
 
+def _with_comma(values: Mapping[str, NDArray[Any]], how: TapMap) -> Guess | None:
+    """Whether columns hold numbers with a decimal comma."""
+    if how.decimal != ".":
+        return None
+    texts = [of for of in values.values() if of.dtype.kind == "U" and of.ndim == 1 and of.size]
+    found = [of for of in texts if all(map(_GERMAN.fullmatch, of[:_MOST_VARIABLES].tolist()))]
+    return Guess("decimal", ",", f"numbers such as {found[0][0]}") if found else None
+
+
+def _compared(files: Sequence[SourceFile], first: Contents) -> Sequence[SourceFile]:
+    """The files that are opened beside the first one."""
+    return files[1:2] if first.table else files[1:_COMPARED]
+
+
 def _inside(
-    contents: Contents, values: Mapping[str, NDArray[Any]], known: Sequence[Guess], *, several: bool
+    contents: Contents, values: Mapping[str, NDArray[Any]], others: Sequence[Contents], known: Sequence[Guess]
 ) -> Iterator[Guess]:
     """What the contents of the first of one or several files may mean, beside what the names of files do."""
     named = {guess.key for guess in known}
-    found = column_guesses(contents, values) if contents.table else array_guesses(contents, values)
-    inside = [guess for guess in found if guess.key not in named and not (guess.key == "tap" and "trial" in named)]
+    tells = bool(named & {"trial", "what", "x"})
+    found = column_guesses(contents, values) if contents.table else array_guesses(contents, values, others, tells)
+    if contents.table and "trial" in named:
+        found = [guess for guess in found if guess.key != "tap"]
+    inside = [guess for guess in found if guess.key not in named]
     yield from inside
     keys = named | {guess.key for guess in inside}
     cut = {"tap", "taps"} if contents.table else {"tap"} if "time" in keys else keys
-    if not keys & cut and several and keys & {"trial", "what"}:
+    if not keys & cut and others and tells:
         yield Guess("tap", "file", "each file is one tap, if it is")
 
 
@@ -85,20 +117,32 @@ def _files(path: Path) -> Iterator[str]:
         return
     names = names_below(path)
     kinds = Counter(ending(name) or "no ending" for name in names)
-    yield f"{path}: {len(names)} files ({', '.join(f'{n} {kind}' for kind, n in kinds.most_common(_MOST_NAMES))})."
+    shown = ", ".join(f"{n} {kind}" for kind, n in kinds.most_common(_MOST_NAMES))
+    yield f"{path}: {counted(len(names), 'file')} ({shown})."
     yield from (f"  {name}" for name in names[:_MOST_NAMES])
     if len(names) > _MOST_NAMES:
         yield f"  ... and {len(names) - _MOST_NAMES} more"
 
 
-def _kind(paths: Sequence[Path]) -> str | None:
-    """Ending of most files of a known kind below folders; `None` without folders.
+def _kinds(paths: Sequence[Path]) -> dict[str, int]:
+    """Bytes of the files of each known kind below folders; empty without folders.
 
     Raises:
         InputError: There is no such file in one of them.
     """
-    kinds = sum((kinds_of(path, names_below(path)) for path in paths if is_folder(path)), Counter[str]())
-    return kinds.most_common(1)[0][0] if kinds else None
+    found = Counter[str]()
+    for path in filter(is_folder, paths):
+        names = names_below(path)
+        kinds = kinds_of(path, names)
+        for name in names:
+            if (kind := ending(name)) in kinds:
+                found[kind] += _bytes(path / name)
+    return dict(found)
+
+
+def _bytes(path: Path) -> int:
+    """Size of a file, or of a store of Zarr."""
+    return sum(each.stat().st_size for each in path.rglob("*")) if path.is_dir() else path.stat().st_size
 
 
 def _read(contents: Contents) -> dict[str, NDArray[Any]]:
@@ -123,8 +167,10 @@ def _held(contents: Contents, values: Mapping[str, NDArray[Any]]) -> Iterator[st
         yield f"  ... and {len(contents.variables) - len(names)} more"
     for name, reason in contents.unreadable.items():
         yield f"  {name} is not read: {reason}"
-    for name, text in contents.attributes.items():
-        yield f"  attribute {name}: {str(text)[:60]}"
+    attributes = list(contents.attributes.items())
+    yield from (f"  attribute {name}: {str(text)[:60]}" for name, text in attributes[:_MOST_ATTRIBUTES])
+    if len(attributes) > _MOST_ATTRIBUTES:
+        yield f"  ... and {len(attributes) - _MOST_ATTRIBUTES} more attributes"
     if contents.table and values:
         rows = len(next(iter(values.values())))
         whole = contents.path.stat().st_size < _BLOCKS << 20
@@ -152,10 +198,9 @@ def _summary(values: NDArray[Any] | None, variable: Variable) -> Iterator[str]:
         yield f"{missing} missing"
 
 
-def _differences(others: Sequence[SourceFile], first: Contents, how: TapMap) -> Iterator[str]:
+def _differences(others: Sequence[Contents], first: Contents, files: Sequence[SourceFile]) -> Iterator[str]:
     """Whether another file has other variables."""
-    for file in others:
-        other = open_contents(file.path, how.text_table, how.format, _BLOCKS)
+    for file, other in zip(files, others, strict=True):
         apart = sorted(set(first.variables) ^ set(other.variables))
         if apart:
             yield f"{file.below} differs in {', '.join(apart[:_MOST_NAMES])}."
@@ -168,7 +213,7 @@ def _map(how: TapMap, guesses: Sequence[Guess]) -> Iterator[str]:
             yield f"{name} = {_toml(value)}"
     for guess in guesses:
         if guess.of_names:
-            yield f"# {guess.key}: {guess.value} in the names of files, {guess.reason}"
+            yield f"# {guess.key}: {guess.value} in names, {guess.reason}"
         else:
             yield f"{guess.key} = {_toml(guess.value)}  # {guess.reason}"
 
@@ -185,7 +230,16 @@ def _tried(sources: Sequence[str | Path], how: TapMap) -> str:
     kind = f"{rows} of streams: cut them with trigger" if recording.is_stream else rows
     counts = {"object": len(labels.what_name), "position": len(np.unique(labels.where))}
     counts["session"] = len(np.unique(labels.session))
-    return f"{kind}, {' x '.join(size)}, {', '.join(counted(n, name) for name, n in counts.items())}."
+    whole = f"{kind}, {' x '.join(size)}, {', '.join(counted(n, name) for name, n in counts.items())}."
+    return whole if recording.is_stream else f"{whole}{_doubts(shape, counts['object'])}"
+
+
+def _doubts(shape: Sequence[int], objects: int) -> str:
+    """What makes a map doubtful that gives taps."""
+    doubts = [f"each tap has 1 {name}" for name, n in zip(("sample", "taxel"), shape[1:], strict=True) if n == 1]
+    if objects == shape[0] > 1:
+        doubts.append("there are as many objects as taps")
+    return f" Doubtful: {' and '.join(doubts)}." if doubts else ""
 
 
 def _toml(value: Any) -> str:
