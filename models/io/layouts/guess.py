@@ -1,7 +1,7 @@
 """Guesses what arrays, columns and names of files mean, each with the reason."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence, Set
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -83,9 +83,12 @@ def column_guesses(contents: Contents, values: Mapping[str, NDArray[Any]]) -> li
     written = {name for name, each in columns.items() if each.size and _DIGITS.fullmatch(str(each[0]))}
     texts = {name: len(np.unique(each)) for name, each in columns.items() if name not in alike | written}
     texts = {name: n for name, n in texts.items() if 1 < n <= _few(columns[name])}
-    if "what" not in guesses and texts:
-        name, n = next(iter(texts.items()))
+    others = [name for name in texts if not like("where", plain(name))]
+    if "what" not in guesses and others:
+        name, n = others[0], texts[others[0]]
         guesses["what"] = Guess("what", name, f"texts, {n} different ones")
+    if "where" not in guesses:
+        guesses |= {guess.key: guess for guess in _named_places(texts, columns)}
     if "time" in guesses and "session" not in guesses:
         guesses |= {guess.key: guess for guess in _days(guesses["time"].value, columns)}
     lists = [name for name, each in contents.variables.items() if len(each.shape) > 1 and is_number(each)]
@@ -94,6 +97,9 @@ def column_guesses(contents: Contents, values: Mapping[str, NDArray[Any]]) -> li
         return [*guesses.values(), *_of_lists(lists, contents, values)]
     if "tap" not in guesses and "trial" in guesses and _repeats(columns[guesses["trial"].value]):
         guesses["tap"] = Guess("tap", guesses["trial"].value, "its values stay the same for many rows")
+    guesses |= {guess.key: guess for guess in _between_taps(guesses.get("tap"), columns)}
+    if all(map(str.isdecimal, columns)):
+        guesses |= {guess.key: guess for guess in _whole_numbers(columns)}
     used = {name for name in columns if like("time", plain(name))}
     used |= {name for guess in guesses.values() for name in _listed(guess.value)}
     free = [name for name in columns if name in numeric | written and name not in used]
@@ -113,6 +119,48 @@ def _of_long_table(taxel: str, free: Sequence[str]) -> Iterator[Guess]:
 def _few(values: NDArray[Any]) -> int:
     """How many different values of so many rows can be labels."""
     return min(_FEW, max(2, len(values) // 2))
+
+
+def _between_taps(tap: Guess | None, columns: Mapping[str, NDArray[Any]]) -> Iterator[Guess]:
+    """What leaves out rows between taps, which have a number below 0 or none."""
+    if (
+        tap is None
+        or (floats := as_floats(columns[tap.value])) is None
+        or (floats >= 0).all()
+        or not (floats >= 0).any()
+    ):
+        return
+    yield Guess(
+        "keep",
+        f"{tap.value}>=0",
+        f"rows between taps have {'no number' if np.isnan(floats).any() else 'negative ones'}",
+    )
+
+
+def _whole_numbers(columns: Mapping[str, NDArray[Any]]) -> Iterator[Guess]:
+    """Taps and objects of a table without a header: whole numbers that repeat, beside others that have decimals."""
+    floats = {name: of for name, each in columns.items() if (of := as_floats(each)) is not None}
+    whole = [name for name, of in floats.items() if (of == np.round(of)).all() and len(np.unique(of)) <= _few(of)]
+    if len(whole) == len(floats):
+        return
+    for key in ("tap", "what"):
+        name = next((each for each in whole if key == "what" or _counts(floats[each])), None)
+        if name is not None:
+            whole.remove(name)
+            yield Guess(key, name, "whole numbers that repeat; check whether they mean this")
+
+
+def _counts(values: NDArray[np.float64]) -> bool:
+    """Whether each of several rows has the same number, and the next ones that after it."""
+    return _repeats(values) and set(np.diff(values)) == {0.0, 1.0}
+
+
+def _named_places(texts: Iterable[str], columns: Mapping[str, NDArray[Any]]) -> Iterator[Guess]:
+    """A column of the names of positions, and these in their order of appearance."""
+    for name in [name for name in texts if like("where", plain(name))][:1]:
+        yield Guess("where", name, "its name, and texts")
+        places = list(dict.fromkeys(columns[name].tolist()))
+        yield Guess("where_values", places, "positions in order of appearance; put neighbours side by side")
 
 
 def _tells_taxel(name: str, values: NDArray[Any]) -> bool:
@@ -169,7 +217,7 @@ def _listed(value: Any) -> list[Any]:
 def _steps(values: NDArray[Any]) -> str:
     """How a time increases."""
     steps = np.diff(as_floats(values))  # pyright: ignore - it is one of numbers
-    usual = float(np.median(steps))
+    usual = float(np.nanmedian(steps))
     gaps = int(np.count_nonzero((steps <= 0) | (steps > GAP_STEPS * usual)))
     return f"it increases by {usual:g}" + (f", with {gaps} gap{'s' * (gaps != 1)}" if gaps else "")
 
@@ -224,7 +272,7 @@ def as_floats(values: NDArray[Any]) -> NDArray[np.float64] | None:
     if values.dtype.kind in "fiu":
         return values.astype(np.float64)
     try:
-        return values.astype(np.float64) if values.ndim == 1 else None
+        return np.where(values == "", "nan", values).astype(np.float64) if values.ndim == 1 else None
     except ValueError:
         return _seconds(values)
 

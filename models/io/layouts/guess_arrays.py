@@ -56,7 +56,9 @@ def array_guesses(
         labels = []
     else:
         found += _axes(variables[name], axis, vectors, values)
-    found += [*_labels(labels, vectors), *_tables([*found, *_labels(labels, vectors)], contents, values)]
+    of_objects = any(guess.key == "axes" and guess.value.startswith("what") for guess in found)
+    found += _labels(labels, vectors, of_objects and axis == 0)
+    found += [*_tables(found, contents, values)]
     found = [guess for guess in found if guess.key not in keys]
     return _in_groups(found, name, pattern, fields, contents)
 
@@ -135,9 +137,12 @@ def _other_axes(rank: int, axis: int) -> str:
     return ",".join([*rest[:at], "tap", *rest[at:]])
 
 
-def _labels(labels: Sequence[str], vectors: Mapping[str, int]) -> list[Guess]:
-    """Labels of taps among arrays with one value for each."""
+def _labels(labels: Sequence[str], vectors: Mapping[str, int], of_objects: bool) -> list[Guess]:
+    """Labels of taps, or of objects along an axis, among arrays with one value for each."""
     found = []
+    if of_objects:
+        names = [each for each in labels if re.search(_NAMES, each, re.IGNORECASE)]
+        return [Guess("what_names", each, f"one for each of {vectors[each]} objects") for each in names[:1]]
     for key in LABELS:
         fitting = [each for each in labels if like(key, plain(each))]
         if fitting:

@@ -211,6 +211,8 @@ def _told(word: _Word) -> list[str]:
     units = {number[1] for value in values if (number := number_in(value)) is not None}
     letters = {re.sub(r"[\d.,+-]", " ", value).split(" ")[0].lower() for value in values}
     found: list[str] = []
+    if like("what", called) or called.lower() == "obj":
+        found.append("what")
     if like("session", hint) or letters in ({"s"}, {"d"}):
         found.append("session")
     clock = word.after_date and all(map(_CLOCK.fullmatch, values))

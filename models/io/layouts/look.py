@@ -17,7 +17,7 @@ from .files import SourceFile, is_folder, kinds_of, names_below, source_files
 from .formats.contents import Contents, Variable
 from .formats.objects import REST
 from .formats.registry import ending, open_contents
-from .guess import Guess, column_guesses, shape_of, size_of
+from .guess import Guess, as_floats, column_guesses, shape_of, size_of
 from .guess_arrays import array_guesses, names_beside
 from .guess_names import name_pattern
 from .mapping import TapMap
@@ -56,11 +56,13 @@ def look(sources: Sequence[str | Path], how: TapMap) -> str:
     if how.files is None and (len(files) > 1 or len(kinds) > 1):
         pattern, guesses = name_pattern([file.below for file in files])
         guesses.insert(0, Guess("files", pattern or f"**/*{kind}", counted(len(files), "file")))
-    contents = open_contents(files[0].path, how.text_table, how.format, _BLOCKS)
-    values, written = _read(contents), how
+    written, contents = _opened(files[0].path, how)
+    values = _read(contents)
+    if not written.header and how.header:
+        guesses.append(Guess("header", False, "numbers in the first row"))
     if (comma := _with_comma(values, how)) is not None:
         guesses.append(comma)
-        written = how.changed(decimal=",")
+        written = written.changed(decimal=",")
         contents = open_contents(files[0].path, written.text_table, how.format, _BLOCKS)
         values = _read(contents)
     lines += ["", f"{files[0].below}:", *_held(contents, values)]
@@ -77,6 +79,25 @@ def look(sources: Sequence[str | Path], how: TapMap) -> str:
         result = f"With this map: {_tried(sources, whole)}"
     comments = (f"# {line}".rstrip() for line in map(printable, lines))
     return "\n".join([*comments, "", *_map(how, guesses), f"# {result}", ""])
+
+
+def _opened(path: Path, how: TapMap) -> tuple[TapMap, Contents]:
+    """A file, and the map that opens it: a table whose columns hold numbers may have no header.
+
+    Raises:
+        InputError: It cannot be opened.
+    """
+    free = how.changed(header=False)
+    try:
+        return how, open_contents(path, how.text_table, how.format, _BLOCKS)
+    except InputError:
+        try:
+            contents = open_contents(path, free.text_table, how.format, _BLOCKS)
+        except InputError:
+            contents = None
+        if contents is None or not contents.table or any(as_floats(of) is None for of in _read(contents).values()):
+            raise
+        return free, contents
 
 
 def _with_comma(values: Mapping[str, NDArray[Any]], how: TapMap) -> Guess | None:

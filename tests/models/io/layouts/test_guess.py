@@ -3,6 +3,7 @@
 import h5py
 import numpy as np
 import pytest
+from solidtouch.models.errors import InputError
 from solidtouch.models.io.layouts.guess_names import name_pattern
 from solidtouch.models.io.layouts.look import look
 from solidtouch.models.io.layouts.mapping import TapMap, load_map
@@ -185,6 +186,7 @@ def test_dates_in_names_are_sessions(date, tmp_path):
         (["20240101_100030_A.csv", "20240102_100130_B.csv"], "{session}_{trial}_{what}.csv"),
         (["S_2024-01-31_1.csv", "S_2023-12-24_2.csv"], "S_{session}_{trial}.csv"),
         (["2024_01_31_A_1.csv", "2024_02_01_B_2.csv"], "????_??_??_{what}_{trial}.csv"),
+        (["obj0_1.csv", "obj1_2.csv"], "{what}_{trial}.csv"),
         (["ch1.npy", "ch2.npy"], "ch{taxel}.npy"),
         (["cup_ch1.npy", "rod_ch2.npy"], "{what}_ch{trial}.npy"),
         (["big box/1.csv", "big box/2.csv", "cup/1.csv", "cup/2.csv"], "{what}/{trial}.csv"),
@@ -280,3 +282,68 @@ def test_doubtful_maps_are_called_so(tmp_path):
         [tmp_path / "vectors.npz"], TapMap()
     )
     assert "Doubtful" not in look([tmp_path / "whole.npz"], TapMap())
+
+
+def test_a_column_with_a_missing_cell_is_still_a_taxel(tmp_path):
+    (tmp_path / "r.csv").write_text("tap,s1,s2\n0,1,2\n0,,3\n1,2,3\n1,2,4\n")
+    text, how = looked(tmp_path, tmp_path / "r.csv")
+
+    assert how.taxels == "s*"
+    assert "With this map: " in text
+    assert "line 3" in text.splitlines()[-1]
+
+
+def test_names_of_positions_are_listed(tmp_path):
+    rows = [f"{n},{OBJECTS[n]},{['left', 'mid'][n // 6]},{a}" for n, tap in enumerate(TAPS) for a, *_ in tap]
+    (tmp_path / "r.csv").write_text("\n".join(["tap,material,position,s1", *rows]))
+    _, how = looked(tmp_path, tmp_path / "r.csv")
+
+    assert (how.what, how.where, how.where_values) == ("material", "position", ("left", "mid"))
+
+
+def test_names_of_as_many_objects_as_an_axis_is_long(tmp_path):
+    np.savez(tmp_path / "r.npz", taps=np.stack([TAPS[::2], TAPS[1::2]]), names=np.array(["cup", "rod"]))
+    _, how = looked(tmp_path, tmp_path / "r.npz")
+
+    assert (how.axes, how.what, how.what_names) == ("what,tap,sample,taxel", None, "names")
+    assert (converted(tmp_path, tmp_path / "r.npz", how)[2] == OBJECTS).all()
+
+
+def test_tables_without_a_header(tmp_path):
+    folder = tmp_path / "in"
+    folder.mkdir()
+    for n, tap in enumerate(TAPS):
+        np.savetxt(folder / f"{OBJECTS[n]}_{n}.txt", tap, "%g", ",")
+    _, how = looked(tmp_path, folder)
+
+    assert (how.header, how.files, how.tap) == (False, "{what}_{trial}.txt", "file")
+    assert (converted(tmp_path, folder, how)[2] == OBJECTS).all()
+
+
+def test_whole_numbers_of_a_table_without_a_header_are_taps_and_objects(tmp_path):
+    rows = [f"{n},{n % 2},{','.join(map(str, values))}" for n, tap in enumerate(TAPS) for values in tap]
+    (tmp_path / "r.csv").write_text("\n".join(rows))
+    _, how = looked(tmp_path, tmp_path / "r.csv")
+
+    assert (how.header, how.tap, how.what, how.taxels) == (False, "0", "1", ("2", "3", "4", "5"))
+    assert converted(tmp_path, tmp_path / "r.csv", how)[2].tolist() == ["0", "1"] * 6
+
+
+@pytest.mark.parametrize("none", ["-1", ""])
+def test_rows_between_taps_are_left_out(none, tmp_path):
+    rows = [
+        line
+        for n, tap in enumerate(TAPS)
+        for line in (f"{none},idle,0,0,0,0", *(f"{n},{OBJECTS[n]},{','.join(map(str, values))}" for values in tap))
+    ]
+    (tmp_path / "r.csv").write_text("\n".join(["press,obj,s1,s2,s3,s4", *rows]))
+    _, how = looked(tmp_path, tmp_path / "r.csv")
+
+    assert how.keep == "press>=0"
+    assert (converted(tmp_path, tmp_path / "r.csv", how)[2] == OBJECTS).all()
+
+
+def test_a_table_that_cannot_be_read_is_refused_as_before(tmp_path):
+    (tmp_path / "r.csv").write_text("s1,s1\n1,2\n")
+    with pytest.raises(InputError, match="s1"):
+        look([tmp_path / "r.csv"], TapMap())
