@@ -109,6 +109,13 @@ def _tell(target: Path, taps: "TapSet", how: TapMap) -> None:
     """Prints what was written, and what the map says of its origin."""
     n, j, k = taps.samples.shape
     typer.echo(f"{target}: {counted(n, 'tap')} of {counted(j, 'sample')} from {counted(k, 'taxel')}.")
+    where, rate = sorted(set(taps.where.tolist())), taps.preprocessing.rate_hz
+    line = len(where) > 1 and "where_place" not in taps.dataset.coords
+    typer.echo(
+        f"{counted(len(set(taps.what.tolist())), 'object')}, {counted(len(where), 'position')}"
+        f"{f' from {where[0]:g} to {where[-1]:g} {taps.where_unit}'.rstrip() if line else ''}, "
+        f"{counted(len(set(taps.session.tolist())), 'session')}, {'no rate' if rate is None else f'{rate:g} Hz'}."
+    )
     for name, text in (("Licence", how.licence), ("Cite as", how.citation)):
         if text:
             typer.echo(f"{name}: {text}.".replace("..", "."))

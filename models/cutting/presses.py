@@ -12,6 +12,7 @@ from .sessions import GAP_STEPS, median_step
 _TRUE = {"true", "yes", "on", "t", "y"}
 _FALSE = {"false", "no", "off", "f", "n", "", "nan", "none", "null"}
 _REARMED = 0.5  # part of half the range, as of the level of a contact trigger
+_ROUNDING = 1e-6  # of a step, by which the time of an event may come after that of its frame
 
 
 class Presses(NamedTuple):
@@ -145,7 +146,7 @@ def _by_time(clock: NDArray[np.floating]) -> Callable[[NDArray[np.floating]], ND
     step = median_step(clock)
 
     def find(at: NDArray[np.floating]) -> NDArray[np.intp]:
-        found = np.searchsorted(clock, at)
+        found = np.searchsorted(clock, at - _ROUNDING * step)
         near = np.append(clock, np.inf)[found] - at <= np.where(found == 0, 1, GAP_STEPS) * step
         return np.where(near & (found < len(clock)), found, -1)
 

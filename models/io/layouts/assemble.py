@@ -35,7 +35,7 @@ class Mapped(NamedTuple):
     Attributes:
         recording: Taps or streams.
         missing: Whether samples are NaN, where taps that end earlier were filled.
-        left_out: Files and taps that were left out, one sentence for each reason.
+        left_out: Files and taps that were left out, and how tables of labels were read, one sentence each.
         rises: For streams, the signal that rises at each press, shape (S,); `None` without.
         files: The file of each piece; those of streams are numbered by these.
         tables: Tables beside the files.
@@ -76,7 +76,7 @@ def read_mapped(
     found = [piece for piece in found if piece.rows]
     even = _joined(found, how)
     labels, rate = _labels(found, how, tables), how.rate or _common_rate(found)
-    whose, told = tuple(piece.file for piece in found), unmatched(paths, files, how)
+    whose, told = tuple(piece.file for piece in found), (*unmatched(paths, files, how), *tables.told.values())
     if even is not None:
         kept = Recording(even.samples, labels.take(even.kept), rate)
         return Mapped(kept, even.missing, (*told, *even.left_out), None, whose, tables)
@@ -171,10 +171,18 @@ def _values(found: Sequence[Piece], key: str) -> NDArray[Any] | None:
         with naming(piece.file.path):
             if isinstance(value, np.ndarray) and len(value) != piece.rows:
                 raise InputError(f"{option(key)} has {len(value)} values for {piece.rows} taps.")
-            parts.append(value if isinstance(value, np.ndarray) else np.repeat(np.asarray(value), piece.rows))
+            parts.append(_exact(value) if isinstance(value, np.ndarray) else np.repeat(np.asarray(value), piece.rows))
     if len({part.dtype.kind in "US" for part in parts}) > 1:
         parts = [np.array(as_texts(part)) for part in parts]
     return np.concatenate(parts)
+
+
+def _exact(values: NDArray[Any]) -> NDArray[Any]:
+    """Numbers in double precision as they were written, so that 0.1 is the same in files of both precisions."""
+    if values.dtype not in (np.float16, np.float32):
+        return values
+    distinct_values, which = np.unique(values, return_inverse=True)
+    return distinct_values.astype(np.str_).astype(np.float64)[which]
 
 
 def _measured(found: Sequence[Piece], key: str, raw: NDArray[Any]) -> tuple[NDArray[np.float64], str]:
@@ -300,7 +308,7 @@ def _positions(
         return np.zeros(sum(piece.rows for piece in found)), {"where_unit": how.where_unit or ""}
     if listed is None:
         numbers, unit = _measured(found, "where", raw)
-        return _rounded(numbers, how) * how.where_scale, {"where_unit": how.where_unit or unit}
+        return _rounded(numbers * how.where_scale, how), {"where_unit": how.where_unit or unit}
     by_axis = any("where" in piece.signal.axis_index for piece in found)
     values, unit = (
         (np.arange(len(listed), dtype=np.float64), "") if are_names(listed) else as_numbers("where_values", listed)
@@ -313,7 +321,7 @@ def _in_plane(
     axes: Sequence[tuple[NDArray[np.float64], str]], how: TapMap
 ) -> tuple[NDArray[np.float64], dict[str, Any]]:
     """Places in a plane as numbered positions, see `taps.in_plane`."""
-    places = np.stack([_rounded(values, how) for values, _ in axes[:2]], axis=1) * how.where_scale
+    places = np.stack([_rounded(values * how.where_scale, how) for values, _ in axes[:2]], axis=1)
     angles = [values[:, np.newaxis] for values, _ in axes[2:]]
     units = {unit for _, unit in axes[:2]} - {""}
     if len(units) > 1:
@@ -329,7 +337,7 @@ def _in_plane(
 
 def _rounded(values: NDArray[np.float64], how: TapMap) -> NDArray[np.float64]:
     """Positions without the noise of their measurement."""
-    return values if how.where_round is None else np.round(values / how.where_round) * how.where_round
+    return values if how.where_round is None else np.round(values / how.where_round) * how.where_round + 0.0
 
 
 def _sessions(found: Sequence[Piece], how: TapMap) -> NDArray[np.int64]:

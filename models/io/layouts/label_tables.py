@@ -31,13 +31,15 @@ class LabelTables:
         folders: Where they are looked for, in this order.
         how: How they are written.
         files: All files of the recording.
+        told: How each table was read, a sentence by its name.
     """
 
     folders: Sequence[Path]
     how: TextTable
     files: Sequence[SourceFile] = ()
+    told: dict[str, str] = field(default_factory=dict)
     _known: dict[Path, dict[str, NDArray[Any]]] = field(default_factory=dict)
-    _naming: dict[tuple[Path, str], dict[str, list[int]]] = field(default_factory=dict)
+    _naming: dict[tuple[Path, str, bool], dict[str, list[int]]] = field(default_factory=dict)
 
     @cached_property
     def numbers(self) -> Mapping[Path, int]:
@@ -61,14 +63,21 @@ class LabelTables:
         """
         name = filled(source.name, file.fields)
         values, _ = self.column(source, file)
+        if named := self._named(source, file):
+            return self._of_file(name, values, rows_of(file, named), "names of files")
         if (shared := self.shared(source, file, contents)) is not None:
+            self.told[name] = f"{name} is read by its column {shared}, which the recording has as well."
             return values[_matching(self._columns(self._place(name, file))[shared], np.asarray(found[shared]), shared)]
-        named = self._named(source, file)
-        if named:
-            if not (of_file := rows_of(file, named)):
-                raise InputError(f"{name} has no row for this file.")
-            return str(values[of_file[0]]) if len(of_file) == 1 else values[of_file]
+        if numbered := self._named(source, file, numbers=True):
+            return self._of_file(name, values, rows_of(file, numbered), "numbers in the names of files")
+        self.told[name] = f"{name} is read in the order of the taps, as it names no files and shares no column."
         return values if len(self.files) == 1 and len(values) == rows else ByOrder(values, name)
+
+    def _of_file(self, name: str, values: NDArray[Any], rows: list[int], by: str) -> Label:
+        if not rows:
+            raise InputError(f"{name} has no row for this file.")
+        self.told[name] = f"{name} is read by {by}."
+        return str(values[rows[0]]) if len(rows) == 1 else values[rows]
 
     def names(self, source: LabelSource, file: SourceFile) -> NDArray[Any]:
         """Values of a column; of a list without a header all lines.
@@ -91,13 +100,14 @@ class LabelTables:
         both = [key for key in both if len(contents.variables[key].shape) == 1 and not key.isdecimal()]
         return both[0] if both and not self._named(source, file) else None
 
-    def _named(self, source: LabelSource, file: SourceFile) -> Mapping[str, list[int]]:
-        """Rows of a table by the name of their file, see `rows_by_file`."""
+    def _named(self, source: LabelSource, file: SourceFile, numbers: bool = False) -> Mapping[str, list[int]]:
+        """Rows of a table by the name of their file or the number in it, see `rows_by_file`."""
         path = self._place(filled(source.name, file.fields), file)
-        if (path, source.column) not in self._naming:
+        key = path, source.column, numbers
+        if key not in self._naming:
             below = [each for each in self.files if each.path.is_relative_to(path.parent)] or list(self.files)
-            self._naming[path, source.column] = rows_by_file(self.column(source, file)[1], below)
-        return self._naming[path, source.column]
+            self._naming[key] = rows_by_file(self.column(source, file)[1], below, numbers)
+        return self._naming[key]
 
     def column(self, source: LabelSource, file: SourceFile) -> tuple[NDArray[Any], dict[str, NDArray[Any]]]:
         """A column of a table beside a file or in another folder, and the other columns that hold texts.
@@ -169,36 +179,43 @@ def rows_of(file: SourceFile, named: Mapping[str, list[int]]) -> list[int]:
 
 def _naming(
     columns: Mapping[str, NDArray[Any]], files: Sequence[SourceFile], names: Callable[[SourceFile], tuple[str, ...]]
-) -> NDArray[Any] | None:
-    """The column that has most of the names of the files."""
-    best, most = None, 0
-    for of in columns.values():
+) -> list[str]:
+    """The columns that have most of the names of the files."""
+    count: dict[str, int] = {}
+    for name, of in columns.items():
         there = {*of.tolist(), *map(str.casefold, of.tolist())}
-        count = sum(any(text in there for text in names(file)) for file in files)
+        count[name] = sum(any(text in there for text in names(file)) for file in files)
         numbers = all(text.isdecimal() for text in there)
-        if numbers and (count < max(2, len(files)) or len(there) < len(of)):
-            count = 0
-        if count > most:
-            best, most = of, count
-    return best
+        if numbers and (count[name] < max(2, len(files)) or len(there) < len(of)):
+            count[name] = 0
+    most = max(count.values(), default=0)
+    return [name for name, number in count.items() if number == most > 0]
 
 
-def rows_by_file(columns: Mapping[str, NDArray[Any]], files: Sequence[SourceFile]) -> dict[str, list[int]]:
+def rows_by_file(
+    columns: Mapping[str, NDArray[Any]], files: Sequence[SourceFile], numbers: bool = False
+) -> dict[str, list[int]]:
     """Rows by the name of their file, from the column that names most files; empty where none does.
 
     A column of plain numbers names files only if it names all of several, each once: it may count something else.
 
+    Args:
+        columns: Of texts.
+        files: The files.
+        numbers: Whether files go by the only number in their names instead.
+
     Raises:
-        InputError: A name is that of files in several folders.
+        InputError: A name is that of files in several folders, or several columns number the files.
     """
-    best = _naming(columns, files, _names_of)
-    best = _naming(columns, files, _number_of) if best is None else best
-    if best is None:
+    best = _naming(columns, files, _number_of if numbers else _names_of)
+    if numbers and len(best) > 1:
+        raise InputError(f"columns {' and '.join(best)} of the table of labels may both number the files; keep one.")
+    if not best:
         has_endings = any(ending(text) in ENDINGS for of in columns.values() for text in of[:1].tolist())
-        return {"": []} if has_endings else {}
+        return {"": []} if has_endings and not numbers else {}
     rows: dict[str, list[int]] = {}
     exact = {text for file in files for text in _names_of(file)[:_EXACT]}
-    for row, text in enumerate(best.tolist()):
+    for row, text in enumerate(columns[best[0]].tolist()):
         rows.setdefault(text if text in exact else text.casefold(), []).append(row)
     used: dict[str, SourceFile] = {}
     for file in files:

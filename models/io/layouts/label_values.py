@@ -1,7 +1,7 @@
 """Labels as texts and as numbers with their units."""
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any
 
@@ -36,7 +36,7 @@ def as_texts(values: NDArray[Any]) -> list[str]:
         return [f"{value:.15g}" for value in values.tolist()]
     if values.dtype.kind == "S":
         return [value.decode("utf-8", "replace") for value in values.tolist()]
-    return [str(value) for value in values.tolist()]
+    return [str(value).strip() for value in values.tolist()]
 
 
 def distinct(values: NDArray[Any]) -> tuple[list[str], NDArray[np.intp], NDArray[np.intp]]:
@@ -93,6 +93,16 @@ def by_name(
     return np.array([number[text] for text in texts], dtype=np.intp)[which]
 
 
+_AFTER_LETTERS = re.compile(r"[^\W\d_](-?)\d")
+
+
+def _unclear_sign(texts: Sequence[str]) -> str | None:
+    """A text such as `pos-2` beside others such as `pos2`, if there are any."""
+    signs = {text: found[1] for text in texts if (found := _AFTER_LETTERS.search(text))}
+    with_sign = [text for text, sign in signs.items() if sign]
+    return with_sign[0] if with_sign and len(with_sign) < len(signs) else None
+
+
 def _no_number(key: str, text: str) -> str:
     """Why a text is none, and what to do."""
     if unclear_comma(text):
@@ -119,6 +129,8 @@ def as_numbers(
     if values.dtype.kind in "fiub" and np.isfinite(values).all():
         return values.astype(np.float64), ""
     texts, first, which = distinct(values)
+    if (unclear := _unclear_sign(texts)) is not None:
+        raise InputError(f"{option(key)}: the sign in {unclear!r} may be a minus or a hyphen, as others have none.")
     numbers, units = np.empty(len(texts)), set[str]()
     for number, text in enumerate(texts):
         found = _as_number(text)

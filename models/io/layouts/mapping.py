@@ -80,7 +80,7 @@ class TapMap(Checked, frozen=True, kw_only=True):
         what_unit: Unit of the sizes.
         where_unit: Unit of the positions.
         where_scale: Factor from numbers in the file to `where_unit`.
-        where_round: Positions are rounded to a multiple of this, in the numbers of the file.
+        where_round: Positions are rounded to a multiple of this, in `where_unit`.
         units: Unit of the samples.
         scale: Factor from numbers in the file to `units`.
         extra: Further columns or arrays that are kept, one value for each tap.

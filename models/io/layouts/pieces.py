@@ -243,7 +243,8 @@ def _times(read: FileRead) -> NDArray[np.float64] | None:
 def _clock(texts: NDArray[Any], name: str) -> NDArray[np.float64]:
     """Seconds since 1970 from dates with times."""
     try:
-        times = texts.astype("datetime64[ns]")
+        times = np.char.rstrip(texts, "Z") if texts.dtype.kind == "U" else texts
+        times = times.astype("datetime64[ns]")
     except ValueError:
         wanted = "numbers or times such as 2026-11-26 10:00:00.25"
         raise InputError(f"time (--time): {name} holds texts such as {texts.flat[0]!s:.40}, not {wanted}.") from None

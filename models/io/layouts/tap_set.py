@@ -156,7 +156,7 @@ def _files_of_events(
     columns: Mapping[str, NDArray[Any]], files: Sequence[SourceFile], events: int
 ) -> NDArray[np.intp] | None:
     """Number of the file of each event, -1 for that of none; `None` where no column names files."""
-    named = rows_by_file(columns, files)
+    named = rows_by_file(columns, files) or rows_by_file(columns, files, numbers=True)
     of = np.full(events, -1)
     for number, file in enumerate(files):
         of[rows_of(file, named)] = number

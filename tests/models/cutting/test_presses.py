@@ -131,3 +131,13 @@ def test_events_by_time_find_their_file_where_clocks_do_not_overlap():
 def test_events_that_cannot_be_placed_are_refused(events, file, time, message):
     with pytest.raises(InputError, match=message):
         presses_of_events(events, file, time=time)
+
+
+def test_times_of_events_may_be_rounded_otherwise_than_those_of_frames():
+    """As where 70 * 0.01 is not 0.7."""
+    clock = np.round(np.arange(100) / 100, 2)
+    at = np.arange(100) * 0.01
+    assert (at != clock).any()
+    found = presses_of_events(at, np.zeros(100), time=clock)
+    assert found.row.tolist() == list(range(100))
+    assert presses_of_events([0.7001], np.zeros(100), time=clock).row.tolist() == [71]

@@ -1,5 +1,6 @@
 """Tables of text: CSV, TSV and others, with a delimiter, decimal mark and encoding of their own."""
 
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from io import BytesIO
@@ -173,6 +174,8 @@ def _with_points(words: NDArray[np.str_], layout: TextLayout, column: int) -> ND
 def _not_a_number(line: int, cells: Sequence[str], layout: TextLayout, numbers: Sequence[int]) -> InputError:
     bad = next(i for i in numbers if not layout.is_number(cells[i]))
     where = f"line {line}, column {layout.names[bad]}: {cells[bad][:_SHOWN]!r} is not a number"
+    if re.fullmatch(r"[-+]?\d{1,3}(\.\d{3})+", cells[bad]) and layout.decimal == ",":
+        return InputError(f"{where}; write thousands without points.")
     other = "," if layout.decimal == "." else "."
     if replace(layout, decimal=other).is_number(cells[bad]):
         return InputError(f"{where} with decimal mark {layout.decimal!r}; --decimal changes it.")

@@ -140,3 +140,72 @@ def test_a_table_may_name_files_by_their_number(tmp_path):
     assert found(tmp_path, by_number) == {0: "ball", 1: "rod", 2: "cup"}
     by_name = "at,file,thing\n7,rec_10,cup\n8,rec_7,ball\n10,rec_8,rod\n"
     assert found(tmp_path, by_name) == {0: "ball", 1: "rod", 2: "cup"}
+
+
+def told(folder, files, how):
+    for name, text in files.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    taps, sentences = load_mapped([folder / name for name in files if name.startswith("day")], how)
+    return [taps.what_name[m] for m in taps.what], sentences
+
+
+DAYS = {"day0.csv": "n,p\n1,0\n0,1\n", "day1.csv": "n,p\n3,2\n2,3\n"}
+HOW = TapMap(taxels="p", tap="row", what="labels.csv:thing")
+
+
+@pytest.mark.parametrize(
+    ("table", "things", "way"),
+    [
+        ("n,thing\n0,a\n1,b\n2,c\n3,d\n", "badc", "read by its column n, which the recording has as well."),
+        ("id,thing\n0,a\n1,b\n", "aabb", "read by numbers in the names of files."),
+        ("kg,thing\n7,a\n1,b\n5,c\n3,d\n", "abcd", "read in the order of the taps, as it names no files and shares no"),
+        ("file,thing\nday1,a\nDAY0.CSV,b\n", "bbaa", "read by names of files."),
+    ],
+)
+def test_a_column_that_both_have_goes_before_numbers_of_files_and_the_order(table, things, way, tmp_path):
+    """What was done is told."""
+    found, sentences = told(tmp_path, DAYS | {"labels.csv": table}, HOW)
+
+    assert "".join(found) == things
+    assert sentences[0].startswith(f"labels.csv is {way}")
+
+
+def test_two_columns_that_may_number_the_files_are_refused(tmp_path):
+    with pytest.raises(InputError, match="columns id and kg of the table of labels may both number"):
+        told(tmp_path, DAYS | {"labels.csv": "id,kg,thing\n0,1,a\n1,0,b\n"}, HOW)
+
+
+def test_blanks_around_names_and_the_precision_of_numbers_do_not_count(tmp_path):
+    for session, kind in enumerate((np.float32, np.float64)):
+        label, at = np.array(["rod ", " cup"]), np.array([0.1, 0.2], kind)
+        np.savez(tmp_path / f"{session}.npz", x=np.full((2, 1, 1), session), label=label, at=at)
+    taps = load_mapped(tmp_path, TapMap(taps="x", what="label", where="at")).taps
+
+    assert (taps.what_name, taps.where.tolist()) == (["rod", "cup"], [0.1, 0.2] * 2)
+
+
+@pytest.mark.parametrize(
+    ("ats", "places"),
+    [("x-2 x-5", [2, 5]), ("x_-2 x_2", [-2, 2]), ("-2 2", [-2, 2]), ("x-2 x2", None), ("x-2mm x2mm", None)],
+)
+def test_a_hyphen_that_may_be_a_minus_is_refused(ats, places, tmp_path):
+    rows = "".join(f"{at},{n}\n" for n, at in enumerate(ats.split()))
+    (tmp_path / "a.csv").write_text(f"at,p\n{rows}", encoding="utf-8")
+    how = TapMap(taxels="p", tap="row", where="at")
+    if places is None:
+        with pytest.raises(InputError, match=r"where \(--where\): the sign in 'x-2.*' may be a minus or a hyphen"):
+            load_mapped(tmp_path, how)
+    else:
+        assert load_mapped(tmp_path, how).taps.where.tolist() == places
+
+
+def test_positions_are_rounded_in_their_unit(tmp_path):
+    """So that those of a stage in micrometres are whole millimetres."""
+    (tmp_path / "a.csv").write_text("at,n,p\n-201,0,1\n1003,1,2\n1998,1,3\n", encoding="utf-8")
+    how = TapMap(taxels="p", tap="row", where="at", where_scale=0.001, where_round=1, where_unit="mm")
+    where = load_mapped(tmp_path, how).taps.where
+
+    assert where.tolist() == [0, 1, 2]
+    assert not np.signbit(where).any()
+    with pytest.raises(InputError, match=r"where \(--where\) changes within a tap from 1003 to 1998"):
+        load_mapped(tmp_path, how.changed(tap="n"))

@@ -106,7 +106,8 @@ def test_files_that_do_not_match_are_told(grid):
     (grid / "notes.txt").write_text("b")
     taps, told = load_mapped(grid, TapMap(taxels="a", tap="file", files="p_1mm_*.csv", what="labels.csv:thing"))
     assert len(taps) == 2
-    assert told == (f"2 of 4 files below {grid} do not match files (--files), such as p_0mm_0mm.csv.",)
+    first = f"2 of 4 files below {grid} do not match files (--files), such as p_0mm_0mm.csv."
+    assert told == (first, "labels.csv is read by names of files.")
 
 
 def test_a_file_that_is_named_twice_is_refused(grid):

@@ -229,3 +229,8 @@ def test_signs_of_windows_are_read(tmp_path):
     read = [open_text(tmp_path / name, TextTable()).read(["b"])[0]["b"].tolist() for name in ("a.csv", "b.csv")]
 
     assert read == [["5 – 6 €"], ["\x81ä"]]
+
+
+def test_points_between_thousands_are_told(tmp_path):
+    message = refused(tmp_path, "a;b\n1,5;2\n-1.072;3\n", columns=["a", "b"], decimal=",", delimiter=";")
+    assert message == "line 3, column a: '-1.072' is not a number; write thousands without points."
