@@ -75,6 +75,8 @@ def label_of(
             case "constant":
                 return source.name
             case "field" | "day":
+                if source.name not in file.fields:
+                    raise InputError(f"no pattern gives the name of this file a field {{{source.name}}}.")
                 return file.fields[source.name]
             case "table":
                 return tables.label(source, file, rows, contents, values)

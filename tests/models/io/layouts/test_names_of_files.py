@@ -36,6 +36,7 @@ def test_places_in_a_plane(where, grid):
         ({"where": ["file:p_{x}_*.csv", "file:p_{x}_*.csv"]}, r"where \(--where\) y: the pattern .* has no field {y}"),
         ({"what": "file:{where}.csv"}, r"what \(--what\): the pattern '{where}.csv' has no field {what}"),
         ({"files": "p_{tap}_*.csv"}, r"files \(--files\): unknown field {tap}; fields are what, session, taxel, where"),
+        ({"session": "date:{session}"}, r"session \(--session\): no pattern gives the name of this file a field"),
         ({"where": ["file:q_{x}.csv", "file:{y}.csv"]}, r"does not match where \(--where\) x 'file:q_{x}.csv'"),
     ],
 )
