@@ -7,7 +7,7 @@ from ...errors import InputError
 from ..recording import naming
 from .formats.contents import Contents
 from .mapping import TapMap, option
-from .patterns import is_pattern
+from .patterns import compiled_pattern, fields_of, is_pattern, natural
 
 _MOST_SHOWN = 12
 type FirstColumns = dict[str, str]
@@ -26,7 +26,7 @@ def taxel_columns(how: TapMap, contents: Contents, others: Collection[str]) -> l
     if how.taxels is None:
         raise InputError(
             "say which columns are taxels with taxels (--taxels), or which array holds samples with taps (--taps); "
-            f"there are: {', '.join(names[:_MOST_SHOWN])}{', ...' if len(names) > _MOST_SHOWN else ''}."
+            f"there are: {_listed(names)}."
         )
     found: list[str] = []
     for text in _chosen(how):
@@ -43,11 +43,37 @@ def taxel_columns(how: TapMap, contents: Contents, others: Collection[str]) -> l
             with naming(option("taxels")):
                 matched = [contents.named(text)]
         if not matched:
-            raise InputError(
-                f"no column matches taxels (--taxels) {text!r}; columns: {', '.join(names[:_MOST_SHOWN])}."
-            )
+            raise InputError(f"no column matches taxels (--taxels) {text!r}; columns: {_listed(names)}.")
         found += [name for name in matched if name not in found]
     return found
+
+
+def sample_columns(how: TapMap, contents: Contents) -> tuple[list[str], int] | None:
+    """Columns of each sample of each taxel, such as `s{sample}_t{taxel}`, and the number of taxels; `None` for others.
+
+    Columns are in the natural order of samples, and of taxels within each.
+
+    Raises:
+        InputError: No column matches, or one that is due is not there.
+    """
+    text = how.taxels
+    if not isinstance(text, str) or not {"sample", "taxel"} <= set(fields_of(text)):
+        return None
+    pattern = compiled_pattern(text, option("taxels"), ("sample", "taxel"))
+    matches = [(name, match) for name in contents.variables if (match := pattern.fullmatch(name))]
+    named = {(match["sample"], match["taxel"]): name for name, match in matches}
+    if not named:
+        raise InputError(f"no column matches taxels (--taxels) {text!r}; columns: {_listed(list(contents.variables))}.")
+    samples, taxels = (sorted({key[i] for key in named}, key=natural) for i in (0, 1))
+    due = [(sample, taxel) for sample in samples for taxel in taxels]
+    if missing := [key for key in due if key not in named]:
+        sample, taxel = missing[0]
+        raise InputError(f"taxels (--taxels) {text!r}: no column has sample {sample} of taxel {taxel}.")
+    return [named[key] for key in due], len(taxels)
+
+
+def _listed(names: list[str]) -> str:
+    return f"{', '.join(names[:_MOST_SHOWN])}{', ...' if len(names) > _MOST_SHOWN else ''}"
 
 
 def agreeing(columns: list[str], contents: Contents, how: TapMap, first: FirstColumns) -> list[str]:

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from ...cutting.sessions import median_step
 from ...errors import InputError
 from ..recording import naming
+from .label_values import as_texts
 from .labels import ByOrder
 from .mapping import LABELS, PLANE, option
 from .patterns import natural
@@ -56,6 +57,9 @@ def _check_alike(first: Piece, other: Piece) -> None:
     for key in (*LABELS, *PLANE):
         if key in first.labels and not np.array_equal(_array(first.labels[key]), _array(other.labels[key])):
             raise InputError(f"{other.file.path}: {option(key)} differs from that of {first.file.path} beside it.")
+    for one, two in zip(first.numbers, other.numbers, strict=True):
+        if as_texts(one) != as_texts(two):
+            raise InputError(f"{other.file.path}: {option('tap')} differs from that of {first.file.path} beside it.")
     if first.time_s is not None and other.time_s is not None and first.time_s.shape == other.time_s.shape:
         step = median_step(first.time_s.reshape(-1)) if first.time_s.size > 1 else 0.0
         if (abs(first.time_s - other.time_s) > abs(step) / 2).any():

@@ -1,6 +1,7 @@
 """Tables of labels beside a recording."""
 
 import re
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -11,10 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import InputError
+from ..recording import runs
 from .files import SourceFile
 from .formats.contents import Contents, TextTable, Values
 from .formats.registry import ENDINGS, ending, open_contents
-from .label_values import as_known, as_texts, distinct
+from .label_values import as_known, as_texts
 from .labels import ByOrder, Label, LabelSource
 from .patterns import filled
 
@@ -49,7 +51,7 @@ class LabelTables:
     def label(
         self, source: LabelSource, file: SourceFile, rows: int, contents: Contents, found: Mapping[str, Values]
     ) -> Label:
-        """Values of a column: in the rows that name the file, else by a column that both have, else in their order.
+        """Values of a column: in the rows that name the file, by columns that both have, or else in their order.
 
         Args:
             source: The table and column; the only column needs no name.
@@ -63,21 +65,28 @@ class LabelTables:
         """
         name = filled(source.name, file.fields)
         values, _ = self.column(source, file)
-        if named := self._named(source, file):
-            return self._of_file(name, values, rows_of(file, named), "names of files")
-        if (shared := self.shared(source, file, contents)) is not None:
-            self.told[name] = f"{name} is read by its column {shared}, which the recording has as well."
-            return values[_matching(self._columns(self._place(name, file))[shared], np.asarray(found[shared]), shared)]
-        if numbered := self._named(source, file, numbers=True):
-            return self._of_file(name, values, rows_of(file, numbered), "numbers in the names of files")
+        among, by = self._rows(source, file)
+        if keys := self.shared(source, file, contents):
+            columns = self._columns(self._place(name, file))
+            own = [columns[key][among] for key in keys]
+            by = " and ".join([*([by] if by else []), f"its column{'s' * (len(keys) > 1)} {', '.join(keys)}"])
+            self.told[name] = f"{name} is read by {by}, which the recording has as well."
+            return values[among[_matching(own, [np.asarray(found[key]) for key in keys], keys)]]
+        if not by:
+            among, by = self._rows(source, file, numbers=True)
+        if by:
+            self.told[name] = f"{name} is read by {by}."
+            return str(values[among[0]]) if len(among) == 1 else values[among]
         self.told[name] = f"{name} is read in the order of the taps, as it names no files and shares no column."
         return values if len(self.files) == 1 and len(values) == rows else ByOrder(values, name)
 
-    def _of_file(self, name: str, values: NDArray[Any], rows: list[int], by: str) -> Label:
-        if not rows:
-            raise InputError(f"{name} has no row for this file.")
-        self.told[name] = f"{name} is read by {by}."
-        return str(values[rows[0]]) if len(rows) == 1 else values[rows]
+    def _rows(self, source: LabelSource, file: SourceFile, numbers: bool = False) -> tuple[NDArray[np.intp], str]:
+        """Rows of a table that are about a file, and what tells so; all of them and an empty text if nothing does."""
+        if not (named := self._named(source, file, numbers)):
+            return np.arange(len(self.column(source, file)[0])), ""
+        if not (rows := rows_of(file, named)):
+            raise InputError(f"{filled(source.name, file.fields)} has no row for this file.")
+        return np.array(rows, dtype=np.intp), "numbers in the names of files" if numbers else "names of files"
 
     def names(self, source: LabelSource, file: SourceFile) -> NDArray[Any]:
         """Values of a column; of a list without a header all lines.
@@ -92,13 +101,29 @@ class LabelTables:
             return values
         return np.array([header, *as_texts(values)])
 
-    def shared(self, source: LabelSource, file: SourceFile, contents: Contents) -> str | None:
-        """The column that both a table, which does not name files, and a file have, beside that of the labels."""
+    def shared(self, source: LabelSource, file: SourceFile, contents: Contents) -> list[str]:
+        """Columns of a table, beside that of the labels, that a file has as well and that tell its rows apart.
+
+        As few as do, in the order of the table; none where there is one row for the file.
+
+        Raises:
+            InputError: They tell half of the rows apart or more, but not all.
+        """
         values, _ = self.column(source, file)
         columns = self._columns(self._place(filled(source.name, file.fields), file))
+        among, _ = self._rows(source, file)
         both = [key for key, of in columns.items() if key in contents.variables and of is not values]
         both = [key for key in both if len(contents.variables[key].shape) == 1 and not key.isdecimal()]
-        return both[0] if both and not self._named(source, file) else None
+        if len(among) < 2 or not both:
+            return []
+        for number in range(1, len(both) + 1):
+            texts = _joint([columns[key][among] for key in both[:number]])
+            if len(set(texts)) == len(texts):
+                return both[:number]
+            if number == len(both) and 2 * len(set(texts)) >= len(texts):
+                twice = Counter(texts).most_common(1)[0][0]
+                raise InputError(f"the table has {', '.join(both)} {', '.join(twice)} in two rows.")
+        return []
 
     def _named(self, source: LabelSource, file: SourceFile, numbers: bool = False) -> Mapping[str, list[int]]:
         """Rows of a table by the name of their file or the number in it, see `rows_by_file`."""
@@ -146,17 +171,20 @@ class LabelTables:
         return self._known[path]
 
 
-def _matching(keys: NDArray[Any], wanted: NDArray[Any], name: str) -> NDArray[np.intp]:
-    """The row of each wanted key, of numbers by their value."""
-    rows: dict[str, int] = {}
-    for row, text in enumerate(as_texts(as_known(keys))):
-        if rows.setdefault(text, row) != row:
-            raise InputError(f"the table has {name} {text} in two rows.")
-    texts, _, which = distinct(as_known(wanted))
-    missing = [text for text in texts if text not in rows]
+def _joint(columns: Sequence[NDArray[Any]]) -> list[tuple[str, ...]]:
+    """The texts of each row, of numbers by their value."""
+    return list(zip(*(as_texts(as_known(of)) for of in columns), strict=True))
+
+
+def _matching(keys: Sequence[NDArray[Any]], wanted: Sequence[NDArray[Any]], names: Sequence[str]) -> NDArray[np.intp]:
+    """The row of each wanted key."""
+    row = {key: number for number, key in enumerate(_joint(keys))}
+    starts = runs(*wanted)
+    texts = _joint([of[starts] for of in wanted])
+    missing = [key for key in texts if key not in row]
     if missing:
-        raise InputError(f"the table has no row with {name} {missing[0]}.")
-    return np.array([rows[text] for text in texts])[which]
+        raise InputError(f"the table has no row with {', '.join(names)} {', '.join(missing[0])}.")
+    return np.repeat([row[key] for key in texts], np.diff(starts, append=len(wanted[0])))
 
 
 def _names_of(file: SourceFile) -> tuple[str, ...]:

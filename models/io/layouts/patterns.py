@@ -10,7 +10,7 @@ _PIECE = re.compile(r"\{(\w*)\}|(\*\*/|\*\*)|(\*)|(\?)|([^*?{}]+)|(.)")
 _NUMBER = r"[^\W\d_]*[-+\u2212]?\d+(?:[.,]\d+)?[^\W\d_]*"
 """A number with letters around it, as of a unit."""
 _NUMBERS = ("where", "trial", "x", "y", "angle")
-_FIELDS = ("what", "session", "taxel", *_NUMBERS)
+FIELDS = ("what", "session", "taxel", *_NUMBERS)
 _IN_TEXT = re.compile(r"((?:(?<![^\W_])[-+])?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?) ?(°|[^\W\d_]*)")
 _SIGNS = str.maketrans("\u2212\u03bc", "-\u00b5")  # a minus, and the Greek letter that is written for micro
 _IN_THOUSANDS = re.compile(r"(?<![\d.,])[1-9]\d{0,2}(?:(?:,\d{3}){2,}(?![\d,])|,\d{3}(?=\.\d))")
@@ -19,7 +19,7 @@ _TEMPLATE = re.compile(r"\{(\w+)\}")
 
 
 @cache
-def compiled_pattern(pattern: str, key: str) -> Pattern[str]:
+def compiled_pattern(pattern: str, key: str, fields: tuple[str, ...] = FIELDS) -> Pattern[str]:
     """Regular expression of a pattern.
 
     `*` and `?` stand for any characters and for one, but no `/`; `**` for any folders; a field for at least one
@@ -29,6 +29,7 @@ def compiled_pattern(pattern: str, key: str) -> Pattern[str]:
     Args:
         pattern: The pattern.
         key: Key of the map, for messages.
+        fields: Those that it may have.
 
     Raises:
         InputError: A field is unknown, or a bracket is not closed.
@@ -43,13 +44,13 @@ def compiled_pattern(pattern: str, key: str) -> Pattern[str]:
             parts.append("[^/]*" if any_ else "[^/]")
         elif name in seen:
             parts.append(f"(?P={name})")
-        elif name in _FIELDS:
+        elif name in fields:
             seen.add(name)
             parts.append(f"(?P<{name}>{_NUMBER if name in _NUMBERS else '[^/]+?'})")
         elif other or name == "":
             raise InputError(f"{key}: {pattern!r} has a bracket that is not part of a field such as {{what}}.")
         else:
-            raise InputError(f"{key}: unknown field {{{name}}}; fields are {', '.join(_FIELDS)}.")
+            raise InputError(f"{key}: unknown field {{{name}}}; fields are {', '.join(fields)}.")
     return re.compile("".join(parts))
 
 

@@ -42,6 +42,7 @@ class Piece:
         label_units: Units of its labels, as the file states them.
         rises: Signal that rises at each press, shape (rows,).
         row: Number of the row or tap of the file that each one begins with, shape (rows,).
+        numbers: Of the tap of each, as columns tell.
         whole: Number of rows or taps of the file, kept or not.
     """
 
@@ -55,6 +56,7 @@ class Piece:
     label_units: Mapping[str, str] = field(default_factory=dict)
     rises: NDArray[Any] | None = None
     row: NDArray[np.intp] = field(default_factory=lambda: np.arange(0))
+    numbers: tuple[NDArray[Any], ...] = ()
     whole: int = 0
 
     @property
@@ -147,6 +149,8 @@ def _piece(read: FileRead, tables: LabelTables, missing: Missing) -> Piece:
     whole, sources = len(read.signal.samples), sources_of(how, file.fields)
     rows = _rows(read, sources, tables)
     starts = None if read.signal.cut else _starts(read, rows)
+    if starts is not None:
+        rows = replace(rows, labels=_of_rows(rows.labels, starts, whole))
     if how.keep is not None:
         mask = kept(how, np.asarray(read.of(condition(how)[0])), whole)
         rows = rows.select(mask, rows.signal.select(mask))
@@ -159,7 +163,18 @@ def _piece(read: FileRead, tables: LabelTables, missing: Missing) -> Piece:
     listed = {key: np.asarray(read.of(name)) for key, name in tables_of(how).items()}
     units = _label_units(sources, file, contents)
     return Piece(
-        file, rows.signal, rows.labels, rate, read.unit, listed, rows.time_s, units, rows.rises, rows.which, whole
+        file,
+        rows.signal,
+        rows.labels,
+        rate,
+        read.unit,
+        listed,
+        rows.time_s,
+        units,
+        rows.rises,
+        rows.which,
+        rows.numbers,
+        whole,
     )
 
 
@@ -185,6 +200,13 @@ def _starts(read: FileRead, rows: _Rows) -> NDArray[np.intp] | None:
     return tap_starts(len(rows.which), read.how, rows.numbers, ends)
 
 
+def _of_rows(labels: Mapping[str, Label], starts: NDArray[np.intp], rows: int) -> dict[str, Label]:
+    """Labels of each row, where there is one for each tap."""
+    lengths = np.diff(starts, append=rows)
+    by_tap = {key for key, of in labels.items() if isinstance(of, np.ndarray) and len(starts) == len(of) < rows}
+    return {key: np.repeat(np.asarray(of), lengths) if key in by_tap else of for key, of in labels.items()}
+
+
 def _checked(read: FileRead, rows: _Rows, missing: Missing) -> Signal:
     """The samples as floats."""
     samples, name, place = rows.signal.samples, read.names[0], read.place_of_sample(rows.which)
@@ -199,7 +221,7 @@ def _check_rows(read: FileRead, rows: _Rows, starts: NDArray[np.intp] | None) ->
     """Checks the rows that are kept, and that they are divided into taps once at most."""
     how = read.how
     if rows.signal.cut:
-        if how.tap is not None:
+        if how.tap is not None and not (how.tap == "row" and read.contents.table):
             raise InputError(f"tap (--tap) {how.tap!r} divides rows into taps, but {how.taps} has an axis of taps.")
         return
 

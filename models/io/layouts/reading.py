@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ..recording import naming
-from .columns import FirstColumns, agreeing, taxel_columns, taxel_slice
+from .columns import FirstColumns, agreeing, sample_columns, taxel_columns, taxel_slice
 from .files import SourceFile
 from .formats.contents import Contents, Values
 from .label_tables import LabelTables
@@ -52,8 +52,8 @@ def needed(sources: Sequence[LabelSource], file: SourceFile, contents: Contents,
         with naming(option(source.key)):
             if source.kind in ("column", "date") and name not in contents.attributes:
                 found.append(contents.named(name))
-            elif source.kind == "table" and (shared := tables.shared(source, file, contents)) is not None:
-                found.append(shared)
+            elif source.kind == "table":
+                found += tables.shared(source, file, contents)
     return found
 
 
@@ -146,7 +146,8 @@ class FileRead:
             if self.at is not None:
                 return f"{self.contents.place(int(self.at[inside[0], row]))}, column {self.names[0]}"
             if self.contents.table and self.how.taps is None and axes[0] in ("sample", "tap"):
-                return f"{self.place(row)}, column {self.names[max(inside)]}"
+                before = inside[0] * self.signal.samples[0].shape[-1] if len(inside) > 1 else 0
+                return f"{self.place(row)}, column {self.names[before + inside[-1]]}"
             called = ("tap", "sample", "taxel") if len(index) > 2 else ("frame", "taxel")
             whose = f" of {self.names[0]}" if len(self.names) == 1 else ""
             return ", ".join(f"{name} {n}" for name, n in zip(called, (row, *inside), strict=True)) + whose
@@ -162,7 +163,8 @@ def of_columns(file: SourceFile, contents: Contents, how: TapMap, tables: LabelT
     own = [of for key, of in sources.items() if not key.startswith(EXTRA)]
     also = (*tap_columns(how), *filter(None, (how.time, how.taxel)))
     also = [contents.named(filled(name, file.fields)) for name in also]
-    chosen = taxel_columns(how, contents, {*needed(own, file, contents, tables), *also})
+    wide = sample_columns(how, contents)
+    chosen = wide[0] if wide else taxel_columns(how, contents, {*needed(own, file, contents, tables), *also})
     columns = chosen if how.taxel is not None else agreeing(chosen, contents, how, first)
     numbers = [name for name in further if name not in labels and contents.variables[name].dtype == np.float64]
     beside = [*columns, *(name for name in numbers if contents.variables[name].shape[1:] == ())]
@@ -173,6 +175,9 @@ def of_columns(file: SourceFile, contents: Contents, how: TapMap, tables: LabelT
     axes, frames = how.axis_names, frames[:, : len(columns)]
     if axes is not None and len(axes) != 2:
         raise InputError(f"axes (--axes) {how.axes!r}: rows and columns are two axes.")
+    if wide is not None:
+        taps = Signal(frames.reshape(len(frames), -1, wide[1]))
+        return FileRead(file, contents, how, taps, columns, values)
     if how.taxel is None:
         return FileRead(file, contents, how, arranged(frames, axes, "the table", frames=True), columns, values)
     return _of_long_table(FileRead(file, contents, how, Signal(frames), columns, values), first)
@@ -201,7 +206,9 @@ def of_arrays(file: SourceFile, names: Sequence[str], contents: Contents, how: T
     further = _further(how, sources_of(how, file.fields), file, contents, tables)
     values, _ = contents.read([*dict.fromkeys([*names, *further])])
     frames = how.tap is not None or how.trigger is not None
-    signal = side_by_side([arranged(values[name], how.axis_names, name, frames) for name in names], names)
+    shapes = {name: contents.variables[name].shape for name in names}
+    signals = [arranged(values[name], how.axis_names, name, frames, shapes[name]) for name in names]
+    signal = side_by_side(signals, names)
     if how.taxels is not None:
         signal = signal.with_taxels(taxel_slice(how))
     return FileRead(file, contents, how, signal, names, values)

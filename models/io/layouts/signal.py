@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from math import prod
 from typing import Any
 
 import numpy as np
@@ -54,26 +55,30 @@ class Signal:
         return Signal(some, self.axis_index)
 
 
-def arranged(values: Values, axes: Sequence[str] | None, name: str, frames: bool) -> Signal:
+def arranged(
+    values: Values, axes: Sequence[str] | None, name: str, frames: bool, shape: Sequence[int | None] = ()
+) -> Signal:
     """Samples with their axes in the order of a tap set.
 
     Args:
-        values: The array, or a list of arrays where elements along its first axis differ in shape.
+        values: The array, or a list of arrays where its elements differ in shape.
         axes: Its axes; `None` for tap, sample and taxel if there are three.
         name: Of the array, for messages.
         frames: Whether two axes are those of frames, sample and taxel, if nothing else is said.
+        shape: Of a list the axes of its elements in the file and those inside them, as far as they are known.
 
     Raises:
         InputError: The axes do not fit the array, or it holds no real numbers.
     """
-    rank = 1 + max((each.ndim for each in values), default=0) if isinstance(values, list) else values.ndim
+    lead = _lead(values, shape) if isinstance(values, list) else ()
+    rank = len(lead) + max((each.ndim for each in values), default=0) if isinstance(values, list) else values.ndim
     axes = _default_axes(rank, name, frames) if axes is None else axes
     if len(axes) != rank:
         there = f"{len(values)} elements" if isinstance(values, list) else f"shape {values.shape}"
         raise InputError(f"{name} has {_axes(rank)} ({there}), but axes (--axes) has {len(axes)}: {', '.join(axes)}.")
     with naming(option("taps")):
         if isinstance(values, list):
-            return _of_elements(values, axes, name)
+            return _of_elements(values, axes, name, lead)
         check_real(name, values)
     return _of_array(values, axes)
 
@@ -95,10 +100,17 @@ def _axes(number: int) -> str:
     return f"{number} {'axis' if number == 1 else 'axes'}"
 
 
-def _of_elements(values: list[NDArray[Any]], axes: Sequence[str], name: str) -> Signal:
-    """Taps that differ in shape, or one axis of labels whose elements do."""
-    first, *rest = axes
-    if first in _FRAMES or not set(rest) <= set(_FRAMES):
+def _lead(values: list[NDArray[Any]], shape: Sequence[int | None]) -> tuple[int, ...]:
+    """Lengths of the axes of the elements of a list, given in the order of their rows."""
+    lead = shape[: len(shape) - max((each.ndim for each in values), default=0)]
+    known = tuple(length for length in lead if length is not None)
+    return known if len(known) == len(lead) > 0 and prod(known) == len(values) else (len(values),)
+
+
+def _of_elements(values: list[NDArray[Any]], axes: Sequence[str], name: str, lead: tuple[int, ...]) -> Signal:
+    """Taps that differ in shape, along axes of labels or of taps."""
+    labels, rest = axes[: len(lead)], axes[len(lead) :]
+    if set(labels) & set(_FRAMES) or not set(rest) <= set(_FRAMES):
         raise InputError(
             f"{name}: its elements differ in shape, so axes (--axes) must be tap or a label, and then sample and taxel."
         )
@@ -107,22 +119,27 @@ def _of_elements(values: list[NDArray[Any]], axes: Sequence[str], name: str) -> 
             raise InputError(f"{name}: element {number} has {_axes(each.ndim)}, others {len(rest)}.")
         check_real(f"{name}[{number}]", each)
     taps = [_in_order(each, rest, _FRAMES) for each in values]
-    return Signal(taps, {} if first == "tap" else {first: np.arange(len(values))})
+    return Signal(taps, _label_index(labels, lead))
 
 
 def _of_array(values: NDArray[Any], axes: Sequence[str]) -> Signal:
     labels = [axis for axis in axes if axis not in _FRAMES]
     if not labels:
         return Signal(_in_order(values, axes, _FRAMES))
-    index = np.indices([values.shape[axes.index(axis)] for axis in labels]).reshape(len(labels), -1)
+    merged = [axis if axis in _FRAMES else "tap" for axis in axes]
+    index = _label_index(labels, [values.shape[i] for i, axis in enumerate(axes) if axis not in _FRAMES])
+    return Signal(_in_order(values, merged, _ROLES), index)
+
+
+def _label_index(labels: Sequence[str], lengths: Sequence[int]) -> dict[str, NDArray[np.intp]]:
+    """Index of each tap along the axes that are labels."""
     found: dict[str, NDArray[np.intp]] = {}
-    for axis, along in zip(labels, index, strict=True):
+    for axis, along in zip(labels, np.indices(lengths).reshape(len(labels), -1), strict=True):
         if axis in found:
             raise InputError(f"axes (--axes) has {axis} twice; only sample and taxel may be repeated.")
         found[axis] = along
-    merged = [axis if axis in _FRAMES else "tap" for axis in axes]
     found.pop("tap", None)
-    return Signal(_in_order(values, merged, _ROLES), found)
+    return found
 
 
 def _in_order(values: NDArray[Any], axes: Sequence[str], wanted: Sequence[str]) -> NDArray[Any]:

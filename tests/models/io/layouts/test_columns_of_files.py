@@ -115,3 +115,31 @@ def test_times_in_units_of_their_name_and_as_dates(name, times, rate, tmp_path):
 def test_positions_in_the_unit_of_their_name(tmp_path):
     assert loaded(tmp_path, "at_mm,s\n3,1\n", taxels="s", where="at_mm").where_unit == "mm"
     assert loaded(tmp_path, "at_home,s\n3,1\n", taxels="s", where="at_home").where_unit == ""
+
+
+WIDE = "thing,s0_t1,s0_t2,s0_t10,s1_t2,s1_t1,s1_t10\na,1,2,3,5,4,6\nb,7,8,9,11,10,12\n"
+
+
+@pytest.mark.parametrize("tap", [None, "row"])
+def test_columns_of_samples_and_taxels(tap, tmp_path):
+    """One row for each tap, columns in any order."""
+    taps = loaded(tmp_path, WIDE, taxels="s{sample}_t{taxel}", what="thing", tap=tap).taps
+    assert taps.tolist() == [[[1, 2, 3], [4, 5, 6]], [[7, 8, 9], [10, 11, 12]]]
+
+
+@pytest.mark.parametrize(
+    ("table", "taxels", "message"),
+    [
+        (WIDE.replace("11", ""), "s{sample}_t{taxel}", "line 3, column s1_t2 is nan"),
+        (
+            WIDE,
+            "x{sample}_{taxel}",
+            r"no column matches taxels \(--taxels\) 'x{sample}_{taxel}'; columns: thing",
+        ),
+        (WIDE.replace("s1_t2", "s1_t3"), "s{sample}_t{taxel}", "no column has sample 0 of taxel 3"),
+        (WIDE, "s{sample}_t{taxel}_{what}", r"unknown field {what}; fields are sample, taxel"),
+    ],
+)
+def test_columns_of_samples_and_taxels_that_are_not_whole(table, taxels, message, tmp_path):
+    with pytest.raises(InputError, match=message):
+        loaded(tmp_path, table, taxels=taxels, tap="row")

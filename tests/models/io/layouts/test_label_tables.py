@@ -209,3 +209,24 @@ def test_positions_are_rounded_in_their_unit(tmp_path):
     assert not np.signbit(where).any()
     with pytest.raises(InputError, match=r"where \(--where\) changes within a tap from 1003 to 1998"):
         load_mapped(tmp_path, how.changed(tap="n"))
+
+
+@pytest.mark.parametrize(
+    ("table", "things", "way"),
+    [
+        ("day,n,thing\n1,2,d\n1,3,c\n0,0,b\n0,1,a\n", "abcd", "read by its columns day, n, which"),
+        ("file,n,thing\nday1,2,d\nday1,3,c\nday0,0,b\nday0,1,a\n", "abcd", "read by names of files and its column n,"),
+        ("day,thing\n0,a\n0,b\n1,c\n1,c\n1,c\n1,c\n", None, "6 rows for 4 taps"),
+        ("day,n,thing\n1,2,d\n1,2,c\n0,0,b\n0,1,a\n", None, "the table has day, n 1, 2 in two rows"),
+    ],
+)
+def test_several_columns_may_tell_rows_apart(table, things, way, tmp_path):
+    """Where a number counts the taps of each day or file."""
+    days = {f"day{day}.csv": f"day,n,p\n{day},{n},{n}\n{day},{m},{m}\n" for day, n, m in ((0, 1, 0), (1, 3, 2))}
+    if things is None:
+        with pytest.raises(InputError, match=way):
+            told(tmp_path, days | {"labels.csv": table}, HOW)
+    else:
+        found, sentences = told(tmp_path, days | {"labels.csv": table}, HOW)
+        assert "".join(found) == things
+        assert way in sentences[0]

@@ -107,6 +107,12 @@ APART = {
     "one is missing": (TWO, {"left": TWO["left"]}, {}, "taxel right is either beside this file or beside"),
     "other lengths": (TWO, TWO | {"right": ("force", [[3]])}, {}, "differ in their numbers of taps or samples"),
     "twice": (TWO, TWO, {"files": "*/press_*_{taxel}.csv"}, "are both taxel left of the same taps; what tells"),
+    "other numbers": (
+        TWO,
+        {"left": ("n,force", [[1, 1], [2, 2]]), "right": ("n,force", [[2, 3], [1, 4]])},
+        {"tap": "n", "files": "{what}/press_2_{taxel}.csv"},
+        r"press_2_right\.csv: tap \(--tap\) differs from that of .*press_2_left\.csv beside it",
+    ),
     "other times": (
         TWO,
         {"left": ("t,force", [[0, 1], [1, 2]]), "right": ("t,force", [[0, 3], [1.6, 4]])},

@@ -105,3 +105,18 @@ def test_labels_that_change_within_a_tap_do_not_divide_it(keys, message, tmp_pat
 
     with pytest.raises(InputError, match=message):
         load_mapped(tmp_path / "a.csv", TapMap(**(KEYS | keys)))
+
+
+@pytest.mark.parametrize("tap", ["n", "ends:stop"])
+def test_labels_may_be_one_for_each_tap(tap, tmp_path):
+    """Though samples stand in rows."""
+    frames, n = np.arange(10.0).reshape(5, 2), np.array([3, 3, 4, 4, 4])
+    label, at = np.array(["a", "b"]), np.array([0.5, 1.5])
+    np.savez(tmp_path / "a.npz", x=frames, n=n, stop=np.array([2, 5]), label=label, at=at)
+    how = TapMap(taps="x", tap=tap, what="label", where="at", length="shortest")
+    taps = load_mapped(tmp_path / "a.npz", how).taps
+
+    assert taps.taps.tolist() == [[[0, 1], [2, 3]], [[4, 5], [6, 7]]]
+    assert ([taps.what_name[m] for m in taps.what], taps.where.tolist()) == (["a", "b"], [0.5, 1.5])
+    kept = load_mapped(tmp_path / "a.npz", how.changed(keep="n=4")).taps
+    assert ([kept.what_name[m] for m in kept.what], kept.where.tolist()) == (["b"], [1.5])

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scipy.io
 from solidtouch.models.errors import InputError
 from solidtouch.models.io.layouts.mapping import TapMap
 from solidtouch.models.io.layouts.tap_set import load_mapped
@@ -185,3 +186,19 @@ def test_events_name_their_file_with_or_without_folder_and_ending(tmp_path):
     write(tmp_path / "presses.csv", {"at": [5, 3], "of": ["a.csv", "b.csv"]})
     with pytest.raises(InputError, match=r"names a\.csv, which x/a\.csv and y/a\.csv may be"):
         load_mapped(tmp_path, how)
+
+
+@pytest.mark.parametrize("axes", ["what,trial,sample,taxel", "what,tap,sample,taxel"])
+def test_ragged_cells_of_objects_and_trials(axes, tmp_path):
+    """Of a cell array of MATLAB whose taps differ in length."""
+    cells = np.empty((2, 3), object)
+    for m in range(2):
+        for n in range(3):
+            cells[m, n] = np.full((2 + n, 2), 10.0 * m + n)
+    scipy.io.savemat(tmp_path / "a.mat", {"data": cells})
+    how = TapMap(taps="data", axes=axes, what_names=("cup", "rod"), length="shortest")
+    taps = load_mapped(tmp_path / "a.mat", how).taps
+
+    assert taps.taps[:, 0, 0].tolist() == [0, 1, 2, 10, 11, 12]
+    assert [taps.what_name[m] for m in taps.what] == ["cup"] * 3 + ["rod"] * 3
+    assert "tap" in axes or taps.trial.tolist() == [0, 1, 2] * 2
