@@ -183,7 +183,7 @@ def _rows(read: FileRead, sources: Mapping[str, LabelSource], tables: LabelTable
     how, whole = read.how, len(read.signal.samples)
     labels: dict[str, Label] = {}
     for key, source in sources.items():
-        label = label_of(source, read.file, read.contents, read.values, tables, whole)
+        label = label_of(source, read, tables)
         labels[key] = as_known(label) if key.startswith(EXTRA) and isinstance(label, np.ndarray | str) else label
     numbers = () if _has_ends(how) else tuple(np.asarray(read.of(column)) for column in tap_columns(how))
     rises = None if how.signal is None else np.asarray(read.of(how.signal))

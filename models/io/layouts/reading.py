@@ -57,15 +57,8 @@ def needed(sources: Sequence[LabelSource], file: SourceFile, contents: Contents,
     return found
 
 
-def label_of(
-    source: LabelSource,
-    file: SourceFile,
-    contents: Contents,
-    values: Mapping[str, Values],
-    tables: LabelTables,
-    rows: int,
-) -> Label:
-    """A label of the taps or rows of a file, of which there are so many.
+def label_of(source: LabelSource, read: "FileRead", tables: LabelTables) -> Label:
+    """A label of the taps or rows of a file.
 
     Raises:
         InputError: It is nowhere, or differs in shape between rows; the message names the key.
@@ -75,27 +68,29 @@ def label_of(
             case "constant":
                 return source.name
             case "field" | "day":
-                if source.name not in file.fields:
+                if source.name not in read.file.fields:
                     raise InputError(f"no pattern gives the name of this file a field {{{source.name}}}.")
-                return file.fields[source.name]
+                return read.file.fields[source.name]
             case "table":
-                return tables.label(source, file, rows, contents, values)
+                return tables.label(source, read.file, len(read.signal.samples), read.contents, read.values)
             case "file":
-                return tables.numbers[file.path]
+                return tables.numbers[read.file.path]
             case "gap":
                 return ""
             case _:
-                return _in_file(filled(source.name, file.fields), contents, values)
+                return _in_file(filled(source.name, read.file.fields), read)
 
 
-def _in_file(name: str, contents: Contents, values: Mapping[str, Values]) -> Label:
-    """An attribute, or the values of a column or array."""
+def _in_file(name: str, read: "FileRead") -> Label:
+    """An attribute, or the values of a column or array, which may have the axes of the taps."""
+    contents = read.contents
     if name in contents.attributes and name not in contents.variables:
         return contents.attributes[name]
-    found = values[contents.named(name)]
+    found = read.values[contents.named(name)]
     if isinstance(found, list):
         raise InputError(f"{name} has elements of different shapes, so it holds no labels.")
-    found = found.reshape(-1) if found.size == max(found.shape, default=1) else found
+    if found.size == max(found.shape, default=1) or found.shape == read.signal.lengths:
+        found = found.reshape(-1)
     if found.ndim > 1:
         raise InputError(f"{name} has shape {found.shape}, expected one value for each tap.")
     return found if found.size != 1 else found.reshape(-1)[0].item()

@@ -1,7 +1,7 @@
 """Samples of a file as taps or as frames of a stream, whatever the order of their axes."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import prod
 from typing import Any
 
@@ -24,10 +24,12 @@ class Signal:
     Attributes:
         samples: Taps, shape (n, J, K) or a list of n of shape (J_i, K); or frames of a stream, shape (R, K).
         axis_index: Index of each tap along the axes that are labels, each of shape (n,).
+        lengths: Of the axes of labels and taps in their order.
     """
 
     samples: Values
     axis_index: dict[str, NDArray[np.intp]] = field(default_factory=dict)
+    lengths: tuple[int, ...] = ()
 
     @property
     def cut(self) -> bool:
@@ -52,7 +54,7 @@ class Signal:
         if len(samples) and not range(samples[0].shape[-1])[chosen]:
             raise InputError(f"{option('taxels')} chooses none of {samples[0].shape[-1]} taxels.")
         some = [each[..., chosen] for each in samples] if isinstance(samples, list) else samples[..., chosen]
-        return Signal(some, self.axis_index)
+        return replace(self, samples=some)
 
 
 def arranged(
@@ -119,7 +121,7 @@ def _of_elements(values: list[NDArray[Any]], axes: Sequence[str], name: str, lea
             raise InputError(f"{name}: element {number} has {_axes(each.ndim)}, others {len(rest)}.")
         check_real(f"{name}[{number}]", each)
     taps = [_in_order(each, rest, _FRAMES) for each in values]
-    return Signal(taps, _label_index(labels, lead))
+    return Signal(taps, _label_index(labels, lead), lead)
 
 
 def _of_array(values: NDArray[Any], axes: Sequence[str]) -> Signal:
@@ -127,16 +129,16 @@ def _of_array(values: NDArray[Any], axes: Sequence[str]) -> Signal:
     if not labels:
         return Signal(_in_order(values, axes, _FRAMES))
     merged = [axis if axis in _FRAMES else "tap" for axis in axes]
-    index = _label_index(labels, [values.shape[i] for i, axis in enumerate(axes) if axis not in _FRAMES])
-    return Signal(_in_order(values, merged, _ROLES), index)
+    lengths = tuple(values.shape[i] for i, axis in enumerate(axes) if axis not in _FRAMES)
+    return Signal(_in_order(values, merged, _ROLES), _label_index(labels, lengths), lengths)
 
 
 def _label_index(labels: Sequence[str], lengths: Sequence[int]) -> dict[str, NDArray[np.intp]]:
     """Index of each tap along the axes that are labels."""
     found: dict[str, NDArray[np.intp]] = {}
     for axis, along in zip(labels, np.indices(lengths).reshape(len(labels), -1), strict=True):
-        if axis in found:
-            raise InputError(f"axes (--axes) has {axis} twice; only sample and taxel may be repeated.")
+        if axis in found and axis != "tap":
+            raise InputError(f"axes (--axes) has {axis} twice; only tap, sample and taxel may be repeated.")
         found[axis] = along
     found.pop("tap", None)
     return found
@@ -165,8 +167,8 @@ def side_by_side(signals: Sequence[Signal], names: Sequence[str]) -> Signal:
         return first
     samples = [signal.samples for signal in signals]
     if isinstance(first.samples, list):
-        return Signal([np.concatenate(each, axis=-1) for each in zip(*samples, strict=True)], first.axis_index)
-    return Signal(np.concatenate(samples, axis=-1), first.axis_index)
+        return replace(first, samples=[np.concatenate(each, axis=-1) for each in zip(*samples, strict=True)])
+    return replace(first, samples=np.concatenate(samples, axis=-1))
 
 
 def _lengths(signal: Signal) -> list[tuple[int, ...]]:

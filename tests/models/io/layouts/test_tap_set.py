@@ -202,3 +202,32 @@ def test_ragged_cells_of_objects_and_trials(axes, tmp_path):
     assert taps.taps[:, 0, 0].tolist() == [0, 1, 2, 10, 11, 12]
     assert [taps.what_name[m] for m in taps.what] == ["cup"] * 3 + ["rod"] * 3
     assert "tap" in axes or taps.trial.tolist() == [0, 1, 2] * 2
+
+
+@pytest.mark.parametrize("ragged", [False, True])
+def test_labels_may_have_the_axes_of_the_taps(ragged, tmp_path):
+    """Such as a position for each object and trial; of another shape they are refused."""
+    cells = np.empty((2, 3), object)
+    for m in range(2):
+        for n in range(3):
+            cells[m, n] = np.full((2 + n * ragged, 2), 10.0 * m + n)
+    at = np.array([[0, 1, 2], [3, 4, 5]])
+    scipy.io.savemat(tmp_path / "a.mat", {"data": cells, "at": at, "turned": at.T})
+    how = TapMap(taps="data", axes="what,trial,sample,taxel", where="at", length="shortest")
+    taps = load_mapped(tmp_path / "a.mat", how).taps
+
+    assert dict(zip(taps.taps[:, 0, 0].tolist(), taps.where.tolist(), strict=True)) == {
+        10 * m + n: at[m, n] for m in range(2) for n in range(3)
+    }
+    with pytest.raises(InputError, match=r"where \(--where\): turned has shape \(3, 2\), expected one"):
+        load_mapped(tmp_path / "a.mat", how.changed(where="turned"))
+
+
+def test_two_axes_of_taps_are_one(tmp_path):
+    """As of a struct array of trials and hands."""
+    samples, label = np.arange(24.0).reshape(2, 3, 2, 2), np.array([["a", "b", "c"], ["c", "b", "a"]])
+    np.savez(tmp_path / "a.npz", x=samples, label=label)
+    taps = load_mapped(tmp_path / "a.npz", TapMap(taps="x", axes="tap,tap,sample,taxel", what="label")).taps
+
+    assert taps.taps.tolist() == samples.reshape(6, 2, 2).tolist()
+    assert "".join(taps.what_name[m] for m in taps.what) == "abccba"
