@@ -98,7 +98,8 @@ _AFTER_LETTERS = re.compile(r"[^\W\d_](-?)\d")
 
 def _unclear_sign(texts: Sequence[str]) -> str | None:
     """A text such as `pos-2` beside others such as `pos2`, if there are any."""
-    signs = {text: found[1] for text in texts if (found := _AFTER_LETTERS.search(text))}
+    called = (text for text in texts if not _PLAIN.fullmatch(text))  # an exponent has a sign of its own
+    signs = {text: found[1] for text in called if (found := _AFTER_LETTERS.search(text))}
     with_sign = [text for text, sign in signs.items() if sign]
     return with_sign[0] if with_sign and len(with_sign) < len(signs) else None
 

@@ -186,7 +186,14 @@ def test_blanks_around_names_and_the_precision_of_numbers_do_not_count(tmp_path)
 
 @pytest.mark.parametrize(
     ("ats", "places"),
-    [("x-2 x-5", [2, 5]), ("x_-2 x_2", [-2, 2]), ("-2 2", [-2, 2]), ("x-2 x2", None), ("x-2mm x2mm", None)],
+    [
+        ("x-2 x-5", [2, 5]),
+        ("x_-2 x_2", [-2, 2]),
+        ("-2 2", [-2, 2]),
+        ("1e-3 2e3", [0.001, 2000]),
+        ("x-2 x2", None),
+        ("x-2mm x2mm", None),
+    ],
 )
 def test_a_hyphen_that_may_be_a_minus_is_refused(ats, places, tmp_path):
     rows = "".join(f"{at},{n}\n" for n, at in enumerate(ats.split()))
