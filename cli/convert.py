@@ -55,7 +55,7 @@ def convert(
         chosen = {name: getattr(options, name) for name in MAP_OPTIONS if given(context, name)}
         how = load_map(map_file).changed(**chosen)
     if look:
-        from ..models.io.layouts.look import look as looked
+        from ..models.io.layouts.first_look.look import look as looked
 
         typer.echo(looked(sources, how), nl=False)
         return

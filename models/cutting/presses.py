@@ -21,10 +21,16 @@ class Presses(NamedTuple):
     Attributes:
         row: First frame after each press as a row of the recording, shape (P,), not decreasing.
         outside: Number of events that lie outside the streams, and of presses that began before their stream.
+        event: Number of each press among the events, shape (P,).
+        events: Number of events; of presses by a signal all are counted.
+        file: Number of the file of each event, shape (E,), if known.
     """
 
     row: NDArray[np.intp]
     outside: int
+    event: NDArray[np.intp]
+    events: int
+    file: NDArray[np.intp] | None = None
 
 
 def presses_of_column(signal: ArrayLike, starts: ArrayLike = (0,), name: str = "trigger") -> Presses:
@@ -55,7 +61,8 @@ def presses_of_column(signal: ArrayLike, starts: ArrayLike = (0,), name: str = "
     decided = np.flatnonzero(above | below | first)
     up = above[decided]
     rises = up & ~np.concatenate([[True], up[:-1]]) & ~first[decided]
-    return Presses(decided[rises], int((above & first).sum()))
+    rows = decided[rises]
+    return Presses(rows, int((above & first).sum()), np.arange(len(rows)), len(rows))
 
 
 def presses_of_events(
@@ -98,8 +105,11 @@ def presses_of_events(
         find = _by_number(len(frames)) if clock is None else _by_time(clock[frames])
         found = find(at[which])
         rows[which] = np.where(found < 0, -1, frames[found])
-    inside = np.sort(rows[rows >= 0])
-    return Presses(inside, len(at) - len(inside))
+    order = np.argsort(rows, kind="stable")
+    inside = order[rows[order] >= 0]
+    return Presses(
+        rows[inside], len(at) - len(inside), inside, len(at), None if of is None else np.asarray(of, dtype=np.intp)
+    )
 
 
 def numbers_or_truths(signal: ArrayLike, name: str) -> NDArray[np.float64]:

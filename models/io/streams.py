@@ -1,6 +1,6 @@
 """Cuts continuous streams into taps, with the same `TapCutter` as at the rig."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
@@ -14,7 +14,7 @@ from ..cutting.tap_cutter import CutTap, TapCutter
 from ..errors import InputError, counted
 from ..preprocessing import Preprocessing
 from ..taps import TapSet
-from .recording import Recording
+from .recording import Labels, Recording
 
 _AT_ONCE = 2**20  # numbers that are preprocessed together
 
@@ -79,7 +79,12 @@ def stream_starts(recording: Recording) -> NDArray[np.intp]:
     return np.flatnonzero(np.logical_or(*_broken(recording)))
 
 
-def segment(recording: Recording, preprocessing: Preprocessing, presses: Presses | None = None) -> Segmented:
+def segment(
+    recording: Recording,
+    preprocessing: Preprocessing,
+    presses: Presses | None = None,
+    labels_of: Callable[[list[int]], Labels] | None = None,
+) -> Segmented:
     """Cuts every stream of a recording, see `stream_starts`.
 
     A tap has the labels of the frame that triggered it: its position, which may change along the stream, is that at the
@@ -89,6 +94,7 @@ def segment(recording: Recording, preprocessing: Preprocessing, presses: Presses
         recording: Frames with labels, shape (S, K).
         preprocessing: Preprocessing with a trigger. Its rate is used unchanged.
         presses: Where presses begin, for the trigger `"press"`.
+        labels_of: Labels of taps, by the rows of the frames that triggered them; default: of these frames.
 
     Raises:
         InputError: The recording holds cut taps, the record has no trigger or does not fit the presses, or no tap was
@@ -117,7 +123,7 @@ def segment(recording: Recording, preprocessing: Preprocessing, presses: Presses
         why = _why(recording, preprocessing, incomplete, presses, overlapping)
         why = f"{why}; {_at_once(touching, streams)}" if touching else why
         raise InputError(f"no tap found in {counted(streams, 'stream')}: {why}.")
-    labels = frames.take(rows)
+    labels = (labels_of or frames.take)(rows)
     return Segmented(
         replace(labels, trial=_count(labels.session)).tapset(np.stack(taps), preprocessing),
         streams,

@@ -70,8 +70,12 @@ def _array(label: Any) -> NDArray[Any]:
     return np.asarray(label.values if isinstance(label, ByOrder) else label)
 
 
-def with_ordered_labels(found: Sequence[Piece]) -> list[Piece]:
+def with_ordered_labels(found: Sequence[Piece], of_taps: bool = False) -> list[Piece]:
     """The pieces with those labels that tables list in the order of all their taps or rows.
+
+    Args:
+        found: The pieces.
+        of_taps: Whether a table may have a row for each tap that is still to be cut; its labels stay as they are then.
 
     Raises:
         InputError: A table has another number of rows.
@@ -83,13 +87,13 @@ def with_ordered_labels(found: Sequence[Piece]) -> list[Piece]:
                 sharing.setdefault((key, id(of.values)), []).append(number)
     for (key, _), numbers in sharing.items():
         with naming(option(key)):
-            parts = _parts(labels[numbers[0]][key], [found[number] for number in numbers])
+            parts = _parts(labels[numbers[0]][key], [found[number] for number in numbers], of_taps)
         for number, part in zip(numbers, parts, strict=True):
             labels[number][key] = part
     return [replace(piece, labels=of) for piece, of in zip(found, labels, strict=True)]
 
 
-def _parts(label: Any, sharing: Sequence[Piece]) -> list[NDArray[Any]]:
+def _parts(label: Any, sharing: Sequence[Piece], of_taps: bool) -> list[NDArray[Any] | ByOrder]:
     """Values of a table for each piece that shares it: one for each tap, else for each row, else those of each file."""
     values, taps, rows = label.values, [piece.rows for piece in sharing], [piece.whole for piece in sharing]
     if len(values) == sum(taps):
@@ -98,6 +102,8 @@ def _parts(label: Any, sharing: Sequence[Piece]) -> list[NDArray[Any]]:
         return [part[piece.row] for part, piece in zip(np.split(values, np.cumsum(rows)[:-1]), sharing, strict=True)]
     if all(number == len(values) for number in taps):
         return [values] * len(sharing)
+    if of_taps:
+        return [label] * len(sharing)
     raise InputError(
         f"{label.table}: {len(values)} rows for {sum(taps)} taps, and no column with the names of the files"
         f"{'; its first line counts as a header' if len(values) == sum(taps) - 1 else ''}."

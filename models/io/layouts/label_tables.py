@@ -6,13 +6,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from msgspec import structs
 from numpy.typing import NDArray
 
 from ...errors import InputError
-from ..recording import runs
+from ..recording import naming, runs
 from .files import SourceFile
 from .formats.contents import Contents, TextTable, Values
 from .formats.registry import ENDINGS, ending, open_contents
@@ -20,9 +21,33 @@ from .label_values import as_known, as_texts
 from .labels import ByOrder, Label, LabelSource
 from .patterns import filled
 
+_SEVERAL = re.compile(r"[,;\t|]")
 _EXACT = 4  # names of a file as they are written
 _HEADERS = {"what", "where", "name", "object", "label", "class", "position", "value", "id", "what_name", "where_value"}
 """Of lists of names and positions; another first line is the first of them."""
+
+
+class TableColumn(NamedTuple):
+    """A column of a table.
+
+    Attributes:
+        name: Of the column.
+        values: Its values, shape (rows,).
+        unit: That its header states, or empty.
+        columns: All columns of the table.
+        path: Of the table.
+    """
+
+    name: str
+    values: NDArray[Any]
+    unit: str
+    columns: Mapping[str, NDArray[Any]]
+    path: Path
+
+    @property
+    def texts_beside(self) -> dict[str, NDArray[Any]]:
+        """The other columns that hold texts."""
+        return {key: of for key, of in self.columns.items() if key != self.name and of.dtype.kind == "U"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,14 +58,19 @@ class LabelTables:
         folders: Where they are looked for, in this order.
         how: How they are written.
         files: All files of the recording.
+        events: The table of presses, which rows of files do not share.
+        time: The column of times, likewise.
         told: How each table was read, a sentence by its name.
     """
 
     folders: Sequence[Path]
     how: TextTable
     files: Sequence[SourceFile] = ()
+    events: str = ""
+    time: str = ""
     told: dict[str, str] = field(default_factory=dict)
-    _known: dict[Path, dict[str, NDArray[Any]]] = field(default_factory=dict)
+    _opened: dict[tuple[Path, TextTable], tuple[Contents, dict[str, NDArray[Any]]]] = field(default_factory=dict)
+    _known: dict[tuple[Path, str, str], TableColumn] = field(default_factory=dict)
     _naming: dict[tuple[Path, str, bool], dict[str, list[int]]] = field(default_factory=dict)
 
     @cached_property
@@ -64,11 +94,11 @@ class LabelTables:
             InputError: There is no such table or column, or no row for this file, or for a row of it.
         """
         name = filled(source.name, file.fields)
-        values, _ = self.column(source, file)
+        column = self.column(source, file)
+        values = column.values
         among, by = self._rows(source, file)
         if keys := self.shared(source, file, contents):
-            columns = self._columns(self._place(name, file))
-            own = [columns[key][among] for key in keys]
+            own = [column.columns[key][among] for key in keys]
             by = " and ".join([*([by] if by else []), f"its column{'s' * (len(keys) > 1)} {', '.join(keys)}"])
             self.told[name] = f"{name} is read by {by}, which the recording has as well."
             return values[among[_matching(own, [np.asarray(found[key]) for key in keys], keys)]]
@@ -77,13 +107,14 @@ class LabelTables:
         if by:
             self.told[name] = f"{name} is read by {by}."
             return str(values[among[0]]) if len(among) == 1 else values[among]
-        self.told[name] = f"{name} is read in the order of the taps, as it names no files and shares no column."
+        if name != self.events:
+            self.told[name] = f"{name} is read in the order of the taps, as it names no files and shares no column."
         return values if len(self.files) == 1 and len(values) == rows else ByOrder(values, name)
 
     def _rows(self, source: LabelSource, file: SourceFile, numbers: bool = False) -> tuple[NDArray[np.intp], str]:
         """Rows of a table that are about a file, and what tells so; all of them and an empty text if nothing does."""
         if not (named := self._named(source, file, numbers)):
-            return np.arange(len(self.column(source, file)[0])), ""
+            return np.arange(len(self.column(source, file).values)), ""
         if not (rows := rows_of(file, named)):
             raise InputError(f"{filled(source.name, file.fields)} has no row for this file.")
         return np.array(rows, dtype=np.intp), "numbers in the names of files" if numbers else "names of files"
@@ -94,12 +125,10 @@ class LabelTables:
         Raises:
             InputError: As of `column`.
         """
-        values, _ = self.column(source, file)
-        columns = self._columns(self._place(source.name, file))
-        header = next(iter(columns))
-        if len(columns) > 1 or source.column or header.casefold().removesuffix("s") in _HEADERS:
-            return values
-        return np.array([header, *as_texts(values)])
+        column = self.column(source, file)
+        if len(column.columns) > 1 or source.column or column.name.casefold().removesuffix("s") in _HEADERS:
+            return column.values
+        return np.array([column.name, *as_texts(column.values)])
 
     def shared(self, source: LabelSource, file: SourceFile, contents: Contents) -> list[str]:
         """Columns of a table, beside that of the labels, that a file has as well and that tell its rows apart.
@@ -109,10 +138,12 @@ class LabelTables:
         Raises:
             InputError: They tell half of the rows apart or more, but not all.
         """
-        values, _ = self.column(source, file)
-        columns = self._columns(self._place(filled(source.name, file.fields), file))
+        if source.name == self.events:
+            return []
+        column = self.column(source, file)
+        columns, apart = column.columns, (column.name, self.time)
         among, _ = self._rows(source, file)
-        both = [key for key, of in columns.items() if key in contents.variables and of is not values]
+        both = [key for key in columns if key in contents.variables and key not in apart]
         both = [key for key in both if len(contents.variables[key].shape) == 1 and not key.isdecimal()]
         if len(among) < 2 or not both:
             return []
@@ -131,11 +162,13 @@ class LabelTables:
         key = path, source.column, numbers
         if key not in self._naming:
             below = [each for each in self.files if each.path.is_relative_to(path.parent)] or list(self.files)
-            self._naming[key] = rows_by_file(self.column(source, file)[1], below, numbers)
+            self._naming[key] = rows_by_file(self.column(source, file).texts_beside, below, numbers)
         return self._naming[key]
 
-    def column(self, source: LabelSource, file: SourceFile) -> tuple[NDArray[Any], dict[str, NDArray[Any]]]:
-        """A column of a table beside a file or in another folder, and the other columns that hold texts.
+    def column(self, source: LabelSource, file: SourceFile) -> TableColumn:
+        """A column of a table beside a file or in another folder.
+
+        A table that is written in another way than the recording is read as it is written.
 
         Args:
             source: The table and column; the only column, and one that is called like the label, needs no name.
@@ -145,11 +178,39 @@ class LabelTables:
             InputError: There is no such table or column, or the table is damaged.
         """
         name = filled(source.name, file.fields)
-        columns = self._columns(self._place(name, file))
-        column = source.column or (next(iter(columns)) if len(columns) == 1 else source.key)
-        if column not in columns:
-            raise InputError(f"{name}: no column {column!r}; columns: {', '.join(columns)[:200]}.")
-        return columns[column], {key: of for key, of in columns.items() if key != column and of.dtype.kind == "U"}
+        path = self._place(name, file)
+        key = path, source.column, source.key
+        if key not in self._known:
+            whys = []
+            for how in dict.fromkeys([structs.replace(self.how, delimiter=None), self.how, TextTable()]):
+                try:
+                    self._known[key] = self._read(path, name, source, how)
+                except InputError as error:
+                    whys.append(error)
+                else:
+                    break
+            else:
+                raise whys[0]
+        return self._known[key]
+
+    def _read(self, path: Path, name: str, source: LabelSource, how: TextTable) -> TableColumn:
+        """A column of a table that is written in some way, or an array of one axis of a file."""
+        if (path, how) not in self._opened:
+            contents = open_contents(path, how)
+            values = contents.read(list(contents.variables))[0]
+            arrays = {key: of for key, of in values.items() if isinstance(of, np.ndarray)}
+            columns = {key: of.reshape(-1) for key, of in arrays.items() if of.size == max(of.shape, default=1)}
+            self._opened[path, how] = contents, columns
+        contents, columns = self._opened[path, how]
+        with naming(name):
+            alone = len(columns) == 1 and not source.column
+            column = next(iter(columns)) if alone else contents.named(source.column or source.key)
+            first = [column, *as_texts(columns[column][:1])] if alone else []
+            if _SEVERAL.search(" ".join(first)):
+                raise InputError(f"{first[0]!r} may be several columns; say which with {name}:COLUMN.")
+            if column not in columns:
+                raise InputError(f"{column} has shape {contents.variables[column].shape}, so it is no column.")
+        return TableColumn(column, columns[column], contents.variables[column].unit, columns, path)
 
     def _place(self, name: str, file: SourceFile) -> Path:
         folders = [file.path.parent, *self.folders]
@@ -158,17 +219,6 @@ class LabelTables:
             places = ", ".join(dict.fromkeys(str(folder) for folder in folders))
             raise InputError(f"{name}: no such table; looked in {places}.")
         return path
-
-    def _columns(self, path: Path) -> Mapping[str, NDArray[Any]]:
-        """Columns of a table, or the arrays of one axis of a file."""
-        if path not in self._known:
-            contents = open_contents(path, self.how)
-            values = contents.read(list(contents.variables))[0]
-            arrays = {key: of for key, of in values.items() if isinstance(of, np.ndarray)}
-            self._known[path] = {
-                key: of.reshape(-1) for key, of in arrays.items() if of.size == max(of.shape, default=1)
-            }
-        return self._known[path]
 
 
 def _joint(columns: Sequence[NDArray[Any]]) -> list[tuple[str, ...]]:

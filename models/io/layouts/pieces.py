@@ -22,9 +22,7 @@ from .patterns import compiled_pattern, filled, is_pattern, natural
 from .reading import FileRead, label_of, of_arrays, of_columns, sources_of, tables_of
 from .rows import among_kept, check_labels, check_numbers, condition, kept, tap_columns, tap_starts
 from .signal import Signal, split_frames
-
-_UNITS = {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "µs": 1e-6, "usec": 1e-6}
-_UNITS |= {"ns": 1e-9, "nsec": 1e-9}
+from .times import rate_of, times_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +37,7 @@ class Piece:
         unit: Of its samples, as the file states it.
         tables: Names and positions that are in the file, by key of the map.
         time_s: Times of its rows or taps, if known.
+        time_unit: Unit in which these are written.
         label_units: Units of its labels, as the file states them.
         rises: Signal that rises at each press, shape (rows,).
         row: Number of the row or tap of the file that each one begins with, shape (rows,).
@@ -53,6 +52,7 @@ class Piece:
     unit: str = ""
     tables: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     time_s: NDArray[np.float64] | None = None
+    time_unit: str = ""
     label_units: Mapping[str, str] = field(default_factory=dict)
     rises: NDArray[Any] | None = None
     row: NDArray[np.intp] = field(default_factory=lambda: np.arange(0))
@@ -123,6 +123,7 @@ class _Rows:
         time_s: Times, if known.
         rises: Signal that rises at each press, if any.
         numbers: Of the tap of each row, or of the row within it, as columns tell.
+        time_unit: Unit in which times are written.
     """
 
     signal: Signal
@@ -131,6 +132,7 @@ class _Rows:
     time_s: NDArray[np.float64] | None
     rises: NDArray[Any] | None
     numbers: tuple[NDArray[Any], ...]
+    time_unit: str
 
     def select(self, rows: NDArray[Any], signal: Signal) -> "_Rows":
         """Some rows alone, with their samples."""
@@ -140,7 +142,7 @@ class _Rows:
 
         labels = {key: some(of) for key, of in self.labels.items()}
         numbers = tuple(map(some, self.numbers))
-        return _Rows(signal, self.which[rows], labels, some(self.time_s), some(self.rises), numbers)
+        return _Rows(signal, self.which[rows], labels, some(self.time_s), some(self.rises), numbers, self.time_unit)
 
 
 def _piece(read: FileRead, tables: LabelTables, missing: Missing) -> Piece:
@@ -157,11 +159,11 @@ def _piece(read: FileRead, tables: LabelTables, missing: Missing) -> Piece:
         starts = None if starts is None else among_kept(starts, rows.which, whole)
     rows = replace(rows, signal=_checked(read, rows, missing))
     _check_rows(read, rows, starts)
-    rate = None if rows.time_s is None else _rate(rows.time_s, rows.signal, starts)
+    rate = None if rows.time_s is None else rate_of(rows.time_s, rows.signal, starts)
     if starts is not None:
         rows = rows.select(starts, Signal(split_frames(np.asanyarray(rows.signal.samples), starts)))
     listed = {key: np.asarray(read.of(name)) for key, name in tables_of(how).items()}
-    units = _label_units(sources, file, contents)
+    units = _label_units(sources, file, contents, tables)
     return Piece(
         file,
         rows.signal,
@@ -170,6 +172,7 @@ def _piece(read: FileRead, tables: LabelTables, missing: Missing) -> Piece:
         read.unit,
         listed,
         rows.time_s,
+        rows.time_unit,
         units,
         rows.rises,
         rows.which,
@@ -187,7 +190,8 @@ def _rows(read: FileRead, sources: Mapping[str, LabelSource], tables: LabelTable
         labels[key] = as_known(label) if key.startswith(EXTRA) and isinstance(label, np.ndarray | str) else label
     numbers = () if _has_ends(how) else tuple(np.asarray(read.of(column)) for column in tap_columns(how))
     rises = None if how.signal is None else np.asarray(read.of(how.signal))
-    return _Rows(read.signal, np.arange(whole), labels, _times(read), rises, numbers)
+    times, unit = times_of(read)
+    return _Rows(read.signal, np.arange(whole), labels, times, rises, numbers, unit)
 
 
 def _has_ends(how: TapMap) -> bool:
@@ -233,59 +237,19 @@ def _check_rows(read: FileRead, rows: _Rows, starts: NDArray[np.intp] | None) ->
     check_labels(how, rows.labels, len(rows.which), starts, place)
 
 
-def _label_units(sources: Mapping[str, LabelSource], file: SourceFile, contents: Contents) -> dict[str, str]:
-    """Units of labels that are columns or arrays, as they or their names state them."""
-    names = {key: filled(of.name, file.fields) for key, of in sources.items() if of.kind == "column"}
-    full = {key: contents.named(name) for key, name in names.items() if name not in contents.attributes}
-    return {key: contents.variables[name].unit or unit_at_end(name, LENGTHS_AND_ANGLES) for key, name in full.items()}
-
-
-def _times(read: FileRead) -> NDArray[np.float64] | None:
-    """Times in seconds."""
-    how = read.how
-    if how.time is None:
-        return None
-    found = read.of(how.time)
-    if isinstance(found, list):
-        raise InputError(f"time (--time): {how.time} has elements of different lengths; give the rate with --rate.")
-    try:
-        numbers = found.astype(np.float64)
-    except ValueError:
-        return _clock(found, how.time)
-    named = read.contents.named(filled(how.time, read.file.fields))
-    rows, samples = len(read.signal.samples), {len(tap) for tap in read.signal.samples if read.signal.cut}
-    if numbers.shape not in {(rows,), *((J,) for J in samples), *((rows, J) for J in samples)}:
-        raise InputError(f"time (--time): {named} has shape {numbers.shape}, expected one value for each row or tap.")
-    unit = how.time_unit or read.contents.variables[named].unit or unit_at_end(named, _UNITS) or "s"
-    if unit not in _UNITS:
-        raise InputError(f"time (--time): {named} is in {unit!r}; say its unit with --time-unit s, ms, us or ns.")
-    return numbers * _UNITS[unit]
-
-
-def _clock(texts: NDArray[Any], name: str) -> NDArray[np.float64]:
-    """Seconds since 1970 from dates with times."""
-    try:
-        times = np.char.rstrip(texts, "Z") if texts.dtype.kind == "U" else texts
-        times = times.astype("datetime64[ns]")
-    except ValueError:
-        wanted = "numbers or times such as 2026-11-26 10:00:00.25"
-        raise InputError(f"time (--time): {name} holds texts such as {texts.flat[0]!s:.40}, not {wanted}.") from None
-    return np.where(np.isnat(times), np.nan, times.astype(np.int64) / 1e9)
-
-
-def _rate(time_s: NDArray[np.float64], signal: Signal, starts: NDArray[np.intp] | None) -> float | None:
-    """Samples per second from the median step, to six digits; `None` where times are those of taps."""
-    if signal.cut and time_s.shape[-1:] != (np.asarray(signal.samples[0]).shape[0],):
-        return None
-    steps = np.diff(time_s)
-    if starts is not None:
-        inside = np.ones(len(steps), dtype=bool)
-        inside[starts[1:] - 1] = False
-        steps = steps[inside]
-    steps = steps[~np.isnan(steps)]
-    if not steps.size:
-        return None
-    step = float(np.median(steps))
-    if not step > 0:
-        raise InputError("time (--time) does not increase.")
-    return float(f"{1 / step:.6g}")
+def _label_units(
+    sources: Mapping[str, LabelSource], file: SourceFile, contents: Contents, tables: LabelTables
+) -> dict[str, str]:
+    """Units of labels that are columns or arrays, of files or of tables, as they or their names state them."""
+    found: dict[str, str] = {}
+    for key, source in sources.items():
+        name, stated = filled(source.name, file.fields), ""
+        if source.kind == "table":
+            name, _, stated, *_ = tables.column(source, file)
+        elif source.kind == "column" and name not in contents.attributes:
+            name = contents.named(name)
+            stated = contents.variables[name].unit
+        else:
+            continue
+        found[key] = stated or unit_at_end(name, LENGTHS_AND_ANGLES)
+    return found

@@ -1,8 +1,9 @@
 """A tap set from files of any layout, by a map: read, resampled, cut and freed of useless taxels."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,14 +18,15 @@ from ...preprocessing import Preprocessing
 from ...settings import Missing
 from ...taps import TapSet
 from ..joining import relabel
-from ..recording import Recording, naming
+from ..recording import Labels, Recording, naming
 from ..streams import segment, stream_starts
 from .assemble import Mapped, read_mapped
 from .files import SourceFile
 from .label_tables import rows_by_file, rows_of
-from .label_values import as_known, as_numbers
+from .label_values import as_known
 from .labels import label_source
 from .mapping import TapMap, check_cutting, load_map, option
+from .times import in_seconds, time_unit
 
 
 class MappedTaps(NamedTuple):
@@ -73,7 +75,9 @@ def load_mapped(
     paths = [sources] if isinstance(sources, str | Path) else list(sources)
     mapped = read_mapped(paths, how, missing, folder)
     if how.trigger is not None:
-        taps, told = cut_streams(mapped.recording, how, _presses(mapped, how))
+        presses = _presses(mapped, how)
+        labels_of = None if mapped.labels is None else partial(mapped.labels.at, presses=presses)
+        taps, told = cut_streams(mapped.recording, how, presses, labels_of)
     elif mapped.recording.is_stream:
         raise InputError(
             f"{mapped.files[0].path}: holds streams: say what a tap is with {option('tap')}, or cut taps with "
@@ -84,8 +88,19 @@ def load_mapped(
     return MappedTaps(relabel(taps, what_unit=how.what_unit, citation=how.citation), (*mapped.left_out, *told))
 
 
-def cut_streams(recording: Recording, how: TapMap, presses: Presses | None = None) -> tuple[TapSet, tuple[str, ...]]:
+def cut_streams(
+    recording: Recording,
+    how: TapMap,
+    presses: Presses | None = None,
+    labels_of: Callable[[list[int]], Labels] | None = None,
+) -> tuple[TapSet, tuple[str, ...]]:
     """Taps cut from streams as the map says, and what was cut and lost, one sentence each.
+
+    Args:
+        recording: Streams.
+        how: The map.
+        presses: Where presses begin, if a signal or events tell.
+        labels_of: As for `segment`.
 
     Raises:
         InputError: No tap was found, or settings contradict each other.
@@ -96,11 +111,12 @@ def cut_streams(recording: Recording, how: TapMap, presses: Presses | None = Non
     if left_out is not None:
         record, told = replace(record, taxels=left_out.used), (left_out.sentence(),)
     with naming(f"{option('trigger')} {how.trigger}"):
-        cut = segment(recording, record, presses)
+        cut = segment(recording, record, presses, labels_of)
         if (useless := _useless(cut.taps, how)) is not None:
             used = range(recording.samples.shape[1]) if record.taxels is None else record.taxels
             told = (*told, useless.sentence([str(k) for k in used]))
-            cut = segment(recording, replace(record, taxels=tuple(used[k] for k in useless.used)), presses)
+            record = replace(record, taxels=tuple(used[k] for k in useless.used))
+            cut = segment(recording, record, presses, labels_of)
     return cut.taps, (*cut.told, *told)
 
 
@@ -144,11 +160,13 @@ def _presses(mapped: Mapped, how: TapMap) -> Presses | None:
         return None
     with naming(option("events")):
         source = label_source("events", how.events or "")
-        if source.kind != "table" or recording.file is None:
+        if source.kind != "table" or recording.file is None or mapped.labels is None:
             raise InputError(f"must be TABLE.csv:COLUMN, a table of times for streams, got {how.events!r}.")
-        column, others = mapped.tables.column(source, mapped.files[0])
-        at, _ = as_numbers("events", as_known(column), "row {}".format)
-        of = _files_of_events(others, mapped.files, len(at))
+        column = mapped.tables.column(source, mapped.files[0])
+        unit = time_unit(column.name, column.unit) or mapped.labels.pieces[0].time_unit
+        at = as_known(column.values)
+        at = in_seconds("events", column.name, at, unit if recording.time is not None and unit else "s")
+        of = _files_of_events(column.texts_beside, mapped.files, len(at))
         return presses_of_events(at, recording.file, time=recording.time, of=of)
 
 

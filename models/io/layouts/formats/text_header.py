@@ -135,7 +135,9 @@ def _found(first: TextBlock, how: TextTable) -> TextLayout:
         else:
             if len(table[0][1]) > 1:
                 fits[name] = layout
-        single &= all(len(cells) == 1 for _, cells in table[name == "blank" and how.header :]) and len(table) > 0
+        single &= len(table) > 0 and (
+            _holds_texts(table, how) if name == "blank" else all(len(cells) == 1 for _, cells in table)
+        )
     if len(fits) > 1:
         fits.pop("blank", None)
     if len(fits) == 1:
@@ -151,6 +153,15 @@ def _found(first: TextBlock, how: TextTable) -> TextLayout:
         "none of , ; tab | blank splits the first rows into as many cells as the header; give --delimiter, or "
         f"--skip-rows or --comment for lines before it ({max(whys, key=_line, default='')[:-1]})."
     )
+
+
+def _holds_texts(table: Rows, how: TextTable) -> bool:
+    """Whether rows split at blanks may be those of one column: of single cells or of texts, below one word if any."""
+    below = [cells for _, cells in table[how.header :]]
+    if how.header and len(table[0][1]) > 1:
+        return all(len(cells) == 1 for cells in below)
+    layout = TextLayout(" ", how.decimal, (), 0, 0, ())
+    return all(len(cells) == 1 or not all(map(layout.is_number, cells)) for cells in below)
 
 
 def _line(why: str) -> int:

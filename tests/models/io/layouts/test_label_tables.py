@@ -237,3 +237,56 @@ def test_several_columns_may_tell_rows_apart(table, things, way, tmp_path):
         found, sentences = told(tmp_path, days | {"labels.csv": table}, HOW)
         assert "".join(found) == things
         assert way in sentences[0]
+
+
+@pytest.mark.parametrize(
+    ("recording", "how"),
+    [
+        ("1;0\n", {"header": False, "taxels": "0:2"}),
+        ("1;0\n", {"header": False, "delimiter": ";", "taxels": "0:2"}),
+        ("a;b\n1;0\n", {"delimiter": ";", "decimal": ","}),
+        ("by a rig\na b\n1 0\n", {"skip_rows": 1, "delimiter": "blank"}),
+    ],
+)
+@pytest.mark.parametrize("table", ["name,thing,turn [deg]\n1,rod,2.5\n", "thing;turn [deg]\nrod;2.5\n"])
+def test_a_table_may_be_written_in_another_way_than_the_recording(tmp_path, recording, how, table):
+    """With its unit."""
+    (tmp_path / "1.txt").write_text(recording)
+    (tmp_path / "labels.csv").write_text(table)
+    labels = {"what": "labels.csv:thing", "where": "labels.csv:turn"}
+
+    taps = load_mapped(tmp_path / "1.txt", TapMap(**({"taxels": "*", "tap": "file"} | labels | how))).taps
+
+    assert (taps.taps.tolist(), taps.what_name, taps.where.tolist(), taps.where_unit) == (
+        [[[1, 0]]],
+        ["rod"],
+        [2.5],
+        "deg",
+    )
+
+
+def test_a_list_of_names_of_several_words_is_one_column(tmp_path):
+    written(tmp_path, ["1.txt", "2.txt", "3.txt"])
+    assert found(tmp_path, "thing\nred ball\ncup\nold red rod\n") == {0: "red ball", 1: "cup", 2: "old red rod"}
+
+
+@pytest.mark.parametrize("how", [{"delimiter": ";"}, {"decimal": ","}, {"delimiter": "tab", "decimal": ","}])
+def test_columns_of_a_table_are_told_apart_whatever_parts_those_of_the_recording(tmp_path, how):
+    sign = "\t" if how.get("delimiter") == "tab" else ";"
+    for number in (1, 2):
+        (tmp_path / f"{number}.txt").write_text(f"a{sign}b\n{number}{sign}0\n")
+    (tmp_path / "labels.csv").write_text("file,what\n2.txt,rod\n1.txt,cup\n")
+
+    taps = load_mapped(
+        tmp_path, TapMap(**({"files": "*.txt", "taxels": "*", "tap": "file", "what": "labels.csv"} | how))
+    )
+
+    assert [taps.taps.what_name[m] for m in taps.taps.what] == ["cup", "rod"]
+
+
+def test_names_with_commas_need_the_name_of_their_column(tmp_path):
+    written(tmp_path, ["1.txt", "2.txt"])
+    table = 'thing\n"ball, red"\n"cup, blue"\n'
+    with pytest.raises(InputError, match=r"labels.csv: 'thing' may be several columns; say which with labels.csv:COLU"):
+        found(tmp_path, table, what="labels.csv")
+    assert found(tmp_path, table) == {0: "ball, red", 1: "cup, blue"}

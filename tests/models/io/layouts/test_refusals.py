@@ -65,7 +65,7 @@ def refused(source, **keys):
         ({"align": "contact", "level": 1e9}, "align (--align): no tap is left of 4. 4 taps left out: without a sample"),
         ({"keep": "a>99"}, "r.csv: no taps that keep (--keep) 'a>99' keeps."),
         ({"session": "date:q"}, "r.csv: session (--session): no column q"),
-        ({"what": "labels.csv:q"}, "r.csv: what (--what): labels.csv: no column 'q'; columns: c, d."),
+        ({"what": "labels.csv:q"}, "r.csv: what (--what): labels.csv: no column q; there is c, d."),
         ({"what": "nope.csv:q"}, "r.csv: what (--what): nope.csv: no such table"),
         ({"what": "others.csv:thing"}, "r.csv: what (--what): others.csv has no row for this file."),
         (

@@ -10,17 +10,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...errors import InputError, check_path, counted, printable
-from ..untrusted import in_bytes
-from .assemble import read_mapped
-from .files import SourceFile, is_folder, kinds_of, names_below, source_files
-from .formats.contents import Contents, Variable
-from .formats.objects import REST
-from .formats.registry import ending, open_contents
+from ....errors import InputError, check_path, counted, printable
+from ...untrusted import in_bytes
+from ..assemble import read_mapped
+from ..files import SourceFile, is_folder, kinds_of, names_below, source_files
+from ..formats.contents import Contents, Variable
+from ..formats.objects import REST
+from ..formats.registry import ending, open_contents
+from ..mapping import TapMap
 from .guess import Guess, as_floats, column_guesses, shape_of, size_of
 from .guess_arrays import array_guesses, names_beside
 from .guess_names import name_pattern
-from .mapping import TapMap
 
 _MOST_NAMES, _MOST_VARIABLES, _MOST_ATTRIBUTES = 6, 40, 12
 _COMPARED = 6

@@ -5,7 +5,7 @@ import json
 import h5py
 import numpy as np
 import pytest
-from solidtouch.models.io.layouts.look import look
+from solidtouch.models.io.layouts.first_look.look import look
 from solidtouch.models.io.layouts.mapping import TapMap, load_map
 
 ARRAYS = {

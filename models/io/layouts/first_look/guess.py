@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...cutting.sessions import GAP_STEPS
-from .formats.contents import Contents, Variable
-from .patterns import number_in
+from ....cutting.sessions import GAP_STEPS
+from ..formats.contents import Contents, Variable
+from ..patterns import number_in
 
 _WORDS = {
     "time": r"^(t|time|times|timestamp|stamp|time ?s|time ?ms|seconds|elapsed.*|zeit)$|timestamp|log.?time",

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .formats.contents import Contents, Variable
+from ..formats.contents import Contents, Variable
+from ..mapping import LABELS
 from .guess import CHECK, TAP_AXES, Guess, increases, is_number, like, plain, shape_of, size_of
 from .guess_names import name_pattern
-from .mapping import LABELS
 
 _NAMES = r"name|label|categor|class|object|material"
 _NO_OBJECT = re.compile(r"time|stamp|force|torque|joint|pose|accel|gyro|image|camera|position|velocity", re.IGNORECASE)

@@ -4,8 +4,8 @@ import h5py
 import numpy as np
 import pytest
 from solidtouch.models.errors import InputError
-from solidtouch.models.io.layouts.guess_names import name_pattern
-from solidtouch.models.io.layouts.look import look
+from solidtouch.models.io.layouts.first_look.guess_names import name_pattern
+from solidtouch.models.io.layouts.first_look.look import look
 from solidtouch.models.io.layouts.mapping import TapMap, load_map
 from solidtouch.models.io.layouts.tap_set import load_mapped
 

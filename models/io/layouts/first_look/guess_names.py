@@ -4,8 +4,8 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
+from ..patterns import compiled_pattern, natural, number_in
 from .guess import Guess, like, shown
-from .patterns import compiled_pattern, natural, number_in
 
 _BETWEEN = (
     re.compile(r"((?:[/_\s-]|(?<!\d)\.|\.(?!\d))+)"),

@@ -1,0 +1,159 @@
+"""Labels of taps that are cut from streams: those of the frame of each, or one for each tap or press in their order."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from msgspec import structs
+from numpy.typing import ArrayLike, NDArray
+
+from ...cutting.presses import Presses
+from ...errors import InputError, counted
+from ..recording import Labels, naming
+from .joined_labels import joined_labels
+from .label_tables import LabelTables
+from .labels import ByOrder, Label
+from .mapping import EXTRA, PLANE, TapMap, option
+from .pieces import Piece
+from .signal import Signal
+
+_TOGETHER = {
+    "what": ("what", "what_names", "what_value"),
+    "what_value": ("what", "what_names", "what_value"),
+    **dict.fromkeys(("where", *PLANE), ("where", "where_values")),
+}
+"""Keys of a map that say nothing of frames where a label is one of taps."""
+
+
+@dataclass(frozen=True, eq=False)
+class StreamLabels:
+    """Labels of streams, and of the taps that are cut from them.
+
+    Attributes:
+        frames: Labels of all frames, without those that are of taps.
+        pieces: The streams.
+        how: The map.
+        tables: Tables beside the files.
+        of_taps: Labels that have one value for each tap or press.
+    """
+
+    frames: Labels
+    pieces: Sequence[Piece]
+    how: TapMap
+    tables: LabelTables
+    of_taps: frozenset[str]
+
+    @classmethod
+    def of(cls, pieces: Sequence[Piece], how: TapMap, tables: LabelTables) -> "StreamLabels":
+        """Labels of streams.
+
+        Raises:
+            InputError: As of `joined_labels`.
+        """
+        of_taps = frozenset(key for piece in pieces for key, of in piece.labels.items() if _is_of_taps(of, piece.rows))
+        without = {name: None for key in of_taps for name in _TOGETHER.get(key, (key,)) if not key.startswith(EXTRA)}
+        extra = tuple(name for name in how.extra if EXTRA + name not in of_taps)
+        among_frames = structs.replace(how, **without, extra=extra)
+        gone = {*of_taps, *(PLANE if of_taps & {*PLANE} else ()), *without}
+        alone = [replace(each, labels={k: of for k, of in each.labels.items() if k not in gone}) for each in pieces]
+        return cls(joined_labels(alone, among_frames, tables), pieces, how, tables, of_taps)
+
+    def at(self, rows: ArrayLike, presses: Presses | None) -> Labels:
+        """Labels of taps.
+
+        Args:
+            rows: Frame of each tap's contact or press, a row of all streams, shape (n,).
+            presses: All presses, if a signal or events told where these are.
+
+        Raises:
+            InputError: There are more or fewer labels than taps or presses.
+        """
+        rows = np.asarray(rows, dtype=np.intp)
+        if not self.of_taps:
+            return self.frames.take(rows)
+        bounds = np.cumsum([0, *(piece.rows for piece in self.pieces)])
+        stream = np.searchsorted(bounds, rows, "right") - 1
+        counted_in = _Count.of(rows, stream, presses, bounds)
+        parts = []
+        for number in np.unique(stream).tolist():
+            piece, taps = self.pieces[number], stream == number
+            labels = {key: self._of_piece(key, number, counted_in, taps, rows - bounds[number]) for key in piece.labels}
+            own = rows[taps] - bounds[number]
+            parts.append(
+                replace(
+                    piece,
+                    labels=labels,
+                    signal=Signal(np.empty((len(own), 1, 1))),
+                    time_s=None if piece.time_s is None else piece.time_s[own],
+                    row=piece.row[own],
+                )
+            )
+        found = joined_labels(parts, self.how, self.tables)
+        return found if "session" in self.of_taps else replace(found, session=self.frames.session[rows])
+
+    def _of_piece(
+        self, key: str, number: int, count: "_Count", taps: NDArray[np.bool_], frames: NDArray[np.intp]
+    ) -> Label:
+        """A label of the taps of a stream."""
+        label = self.pieces[number].labels[key]
+        if not isinstance(label, np.ndarray | ByOrder):
+            return label
+        if not _is_of_taps(label, self.pieces[number].rows):
+            return label[frames[taps]]
+        values = label.values if isinstance(label, ByOrder) else label
+        sharing = [n for n, each in enumerate(self.pieces) if _values_of(each.labels.get(key)) is values]
+        index, total = count.within(sharing, len(self.pieces))
+        with naming(option(key)):
+            if len(values) != total:
+                name = f"{label.table}: " if isinstance(label, ByOrder) else f"{self.pieces[number].file.path}: "
+                raise InputError(
+                    f"{name}{counted(len(values), 'label')} for {counted(total, count.name)} in the streams"
+                    f"{'; its first line counts as a header' if len(values) == total - 1 else ''}."
+                )
+        return values[index[taps]]
+
+
+def _values_of(label: Any) -> Any:
+    return label.values if isinstance(label, ByOrder) else label
+
+
+def _is_of_taps(label: Label, frames: int) -> bool:
+    return isinstance(label, ByOrder) or (isinstance(label, np.ndarray) and len(label) != frames)
+
+
+@dataclass(frozen=True, eq=False)
+class _Count:
+    """Numbers of taps among all presses, or else among all taps.
+
+    Attributes:
+        name: What is counted, taps or presses.
+        event: Number of each tap, shape (n,).
+        stream: Number of the stream of each press or tap, -1 if it is in none, shape (E,).
+    """
+
+    name: str
+    event: NDArray[np.intp]
+    stream: NDArray[np.intp]
+
+    @classmethod
+    def of(
+        cls, rows: NDArray[np.intp], stream: NDArray[np.intp], presses: Presses | None, bounds: NDArray[np.intp]
+    ) -> "_Count":
+        if presses is None:
+            return cls("tap", np.arange(len(rows)), stream)
+        if (twice := np.flatnonzero(np.diff(presses.row) == 0)).size:
+            one, other = sorted(presses.event[twice[0] : twice[0] + 2].tolist())
+            raise InputError(f"presses {one} and {other}, counted from 0, are at the same frame.")
+        of = presses.file
+        if of is None:
+            of = np.full(presses.events, -1)
+            of[presses.event] = np.searchsorted(bounds, presses.row, "right") - 1
+        return cls("press", presses.event[np.searchsorted(presses.row, rows)], of)
+
+    def within(self, streams: Sequence[int], every: int) -> tuple[NDArray[np.intp], int]:
+        """Number of each tap among the presses or taps of some of all streams, and how many these have."""
+        if len(streams) == every:
+            return self.event, len(self.stream)
+        own = np.flatnonzero(np.isin(self.stream, streams))
+        return np.searchsorted(own, self.event), len(own)

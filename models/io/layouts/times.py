@@ -1,0 +1,95 @@
+"""Times of rows, taps and events in seconds, and the rate that they tell."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...errors import InputError
+from .formats.contents import unit_at_end
+from .mapping import option
+from .patterns import filled
+from .reading import FileRead
+from .signal import Signal
+
+_UNITS = {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "µs": 1e-6, "usec": 1e-6}
+_UNITS |= {"ns": 1e-9, "nsec": 1e-9}
+
+
+def times_of(read: FileRead) -> tuple[NDArray[np.float64] | None, str]:
+    """Times of the rows or taps of a file in seconds, if the map says where, and the unit in which they are written.
+
+    Raises:
+        InputError: They have another shape than rows or taps, or are neither numbers nor dates, or in a unit unknown.
+    """
+    how = read.how
+    if how.time is None:
+        return None, ""
+    found = read.of(how.time)
+    if isinstance(found, list):
+        raise InputError(f"time (--time): {how.time} has elements of different lengths; give the rate with --rate.")
+    named = read.contents.named(filled(how.time, read.file.fields))
+    unit = how.time_unit or time_unit(named, read.contents.variables[named].unit) or "s"
+    times = in_seconds("time", named, found, unit)
+    rows, samples = len(read.signal.samples), {len(tap) for tap in read.signal.samples if read.signal.cut}
+    if times.shape not in {(rows,), *((J,) for J in samples), *((rows, J) for J in samples)}:
+        raise InputError(f"time (--time): {named} has shape {times.shape}, expected one value for each row or tap.")
+    return times, unit
+
+
+def time_unit(name: str, stated: str) -> str:
+    """Unit of a column of times, by its header or its name; empty if neither tells."""
+    return stated or unit_at_end(name, _UNITS)
+
+
+def in_seconds(key: str, name: str, values: NDArray[Any], unit: str) -> NDArray[np.float64]:
+    """Times in seconds; of dates with times those since 1970.
+
+    Args:
+        key: The key of the map.
+        name: Of the column.
+        values: Numbers, dates, or their texts.
+        unit: Of numbers.
+
+    Raises:
+        InputError: They are neither, or the unit is unknown.
+    """
+    try:
+        numbers = values.astype(np.float64)
+    except ValueError:
+        return _since_1970(key, name, values)
+    if unit not in _UNITS:
+        raise InputError(f"{option(key)}: {name} is in {unit!r}; say its unit with --time-unit s, ms, us or ns.")
+    return numbers * _UNITS[unit]
+
+
+def _since_1970(key: str, name: str, texts: NDArray[Any]) -> NDArray[np.float64]:
+    try:
+        times = np.char.rstrip(texts, "Z") if texts.dtype.kind == "U" else texts
+        times = times.astype("datetime64[ns]")
+    except ValueError:
+        wanted = "numbers or times such as 2026-11-26 10:00:00.25"
+        raise InputError(f"{option(key)}: {name} holds texts such as {texts.flat[0]!s:.40}, not {wanted}.") from None
+    return np.where(np.isnat(times), np.nan, times.astype(np.int64) / 1e9)
+
+
+def rate_of(time_s: NDArray[np.float64], signal: Signal, starts: NDArray[np.intp] | None) -> float | None:
+    """Samples per second from the median step, to six digits; `None` where times are those of taps.
+
+    Raises:
+        InputError: Times do not increase.
+    """
+    if signal.cut and time_s.shape[-1:] != (np.asarray(signal.samples[0]).shape[0],):
+        return None
+    steps = np.diff(time_s)
+    if starts is not None:
+        inside = np.ones(len(steps), dtype=bool)
+        inside[starts[1:] - 1] = False
+        steps = steps[inside]
+    steps = steps[~np.isnan(steps)]
+    if not steps.size:
+        return None
+    step = float(np.median(steps))
+    if not step > 0:
+        raise InputError("time (--time) does not increase.")
+    return float(f"{1 / step:.6g}")

@@ -1,0 +1,205 @@
+"""Labels of taps that are cut from streams, one for each press or tap."""
+
+import h5py
+import numpy as np
+import pytest
+from solidtouch.models.errors import InputError
+from solidtouch.models.io.layouts.mapping import TapMap
+from solidtouch.models.io.layouts.tap_set import load_mapped
+
+CUT = TapMap(taxels="f*", time="t", window=10, pre=2)
+EVENTS = CUT.changed(trigger="events", events="presses.csv:onset")
+OBJECTS, ANGLES = ("ball", "cube", "rod"), (0, 15, 30)
+
+
+def write(path, columns):
+    """A CSV file with these columns."""
+    path.parent.mkdir(exist_ok=True)
+    rows = zip(*columns.values(), strict=True)
+    path.write_text("\n".join([",".join(columns), *(",".join(map(str, row)) for row in rows)]))
+
+
+def stream(path, presses, frames=None, further=None):
+    """A stream of one taxel that shows the number of each press for 5 frames from its frame on, at 100 Hz."""
+    frames = max(presses) + 20 if frames is None else frames
+    values = np.zeros(frames)
+    for number, frame in enumerate(presses):
+        values[frame : frame + 5] = 1 + number
+    write(path, {"t": np.arange(frames) / 100, "f1": values, "valve": values.astype(bool), **(further or {})})
+
+
+def table(path, presses, rng, **columns):
+    """A table of presses with random labels, which it returns."""
+    labels = {
+        "object": rng.choice(OBJECTS, len(presses)),
+        "angle": rng.choice(ANGLES, len(presses)),
+    }
+    write(path, {"onset": np.asarray(presses) / 100, **labels, **columns})
+    return labels
+
+
+def labelled(taps):
+    """Number of the press, object and position of each tap."""
+    names = [taps.what_name[what] for what in taps.what]
+    return list(zip((taps.taps[:, CUT.pre or 0, 0] - 1).astype(int).tolist(), names, taps.where.tolist(), strict=True))
+
+
+def expected(labels, presses):
+    """Likewise, of these presses."""
+    return [(n, str(labels["object"][n]), float(labels["angle"][n])) for n in presses]
+
+
+def test_a_table_of_presses_holds_their_labels(tmp_path, rng):
+    """Also of the presses that give no tap: the third comes too soon, the last is beyond the end, and one outside."""
+    presses = [10, 40, 44, 70, 100, 125]
+    stream(tmp_path / "s.csv", presses, 130)
+    labels = table(tmp_path / "presses.csv", [*presses, 900], rng)
+
+    taps, told = load_mapped(tmp_path / "s.csv", EVENTS.changed(what="presses.csv:object", where="presses.csv:angle"))
+
+    assert [number for number, *_ in labelled(taps)] == [0, 2, 3, 4]
+    assert labelled(taps) == expected(labels, [0, 2, 3, 4])
+    assert [sentence[:11] for sentence in told[:3]] == ["5 taps from", "1 tap left ", "1 press lef"] or told
+
+
+def test_a_table_of_presses_may_be_in_any_order_and_name_its_files(tmp_path, rng):
+    """One of the files has a press less than the other, and a label of its own."""
+    presses = {"a": [10, 40, 70], "b": [20, 60]}
+    for name, frames in presses.items():
+        stream(
+            tmp_path / f"in/{name}.csv", frames, further={"day": ["2026-11-2" + str(len(frames))] * (max(frames) + 20)}
+        )
+    order = rng.permutation(5)
+    files, frames = np.repeat(["a", "b"], [3, 2])[order], np.concatenate(list(presses.values()))[order]
+    labels = table(tmp_path / "in/presses.csv", frames, rng, recording=files)
+
+    how = EVENTS.changed(files="?.csv", what="presses.csv:object", where="presses.csv:angle", session="date:day")
+
+    taps = load_mapped(tmp_path / "in", how).taps
+
+    whose = [int(np.flatnonzero((files == name) & (frames == frame))[0]) for name in presses for frame in presses[name]]
+    assert [row[1:] for row in labelled(taps)] == [row[1:] for row in expected(labels, whose)]
+    assert taps.session.tolist() == [1, 1, 1, 0, 0]
+
+
+@pytest.mark.parametrize("trigger", ["contact", "signal"])
+def test_taps_have_the_labels_of_a_table_in_their_order(tmp_path, rng, trigger):
+    """Across all files: three taps in the first, two in the second."""
+    for name, frames in (("a", [10, 40, 70]), ("b", [20, 60])):
+        stream(tmp_path / f"in/{name}.csv", frames, 90)
+    labels = table(tmp_path / "labels.csv", range(5), rng)
+    how = CUT.changed(trigger=trigger, what="labels.csv:object", where="labels.csv:angle")
+    how = how.changed(level=0.5) if trigger == "contact" else how.changed(signal="valve")
+
+    taps, told = load_mapped(tmp_path / "in", how, folder=tmp_path)
+
+    assert [row[1:] for row in labelled(taps)] == [row[1:] for row in expected(labels, range(5))]
+    assert "labels.csv is read in the order of the taps" in told[0]
+
+
+def test_arrays_beside_a_stream_have_a_value_for_each_tap(tmp_path):
+    """Places in a plane, of which y is the same for all taps of a file."""
+    for name, frames in (("a", [10, 40, 70]), ("b", [20, 60])):
+        with h5py.File(tmp_path / f"{name}.h5", "w") as file:
+            values = np.zeros((90, 1))
+            for frame in frames:
+                values[frame : frame + 5] = 1
+            file["f"] = values
+            file["x"], file["size"] = np.arange(len(frames)), np.full(len(frames), len(frames) * 2.0)
+            file["kind"] = [f"rod {len(frames)}".encode()] * len(frames)
+            file.attrs["y"] = len(frames)
+    how = TapMap(
+        taps="f", trigger="contact", level=0.5, window=10, pre=2, what="kind", what_value="size", where=("x", "y")
+    )
+
+    taps = load_mapped([tmp_path / "a.h5", tmp_path / "b.h5"], how).taps
+
+    assert taps.dataset["where_place"].values[taps.where.astype(int)].tolist() == [
+        [0, 3],
+        [1, 3],
+        [2, 3],
+        [0, 2],
+        [1, 2],
+    ]
+    assert taps.dataset["what_value"].values[taps.what].tolist() == [6, 6, 6, 4, 4]
+    assert taps.session.tolist() == [0, 0, 0, 1, 1]
+
+
+def test_streams_do_not_end_where_the_object_of_the_next_press_begins(tmp_path, rng):
+    """A filter and a tare of the stream go on, as the labels are not those of frames."""
+    stream(tmp_path / "s.csv", [10, 40, 70])
+    table(tmp_path / "presses.csv", [10, 40, 70], rng)
+    how = EVENTS.changed(what="presses.csv:object")
+
+    assert load_mapped(tmp_path / "s.csv", how).told[0] == "3 taps from 1 stream."
+
+
+def test_labels_follow_their_presses_through_all_losses(tmp_path, rng):
+    """Random presses, as many too near to each other or to the ends as there may be."""
+    for number in range(20):
+        presses = np.sort(rng.choice(200, rng.integers(2, 12), replace=False)).tolist()
+        presses = [20, *(press for press in presses if press > 40)]
+        stream(tmp_path / f"{number}.csv", [frame for frame in presses if frame < 150], 150)
+        labels = table(tmp_path / "presses.csv", presses, rng)
+        how = EVENTS.changed(what="presses.csv:object", where="presses.csv:angle")
+
+        found = labelled(load_mapped(tmp_path / f"{number}.csv", how).taps)
+
+        assert found == expected(labels, [press for press, *_ in found])
+
+
+@pytest.mark.parametrize(
+    ("trigger", "rows", "sentence"),
+    [
+        ("events", 2, r"what \(--what\): labels.csv: 2 labels for 3 presses in the streams; its first line counts as"),
+        ("events", 4, "labels.csv: 4 labels for 3 presses in the streams"),
+        ("contact", 5, "labels.csv: 5 labels for 3 taps in the streams"),
+    ],
+)
+def test_another_number_of_labels_is_refused(tmp_path, rng, trigger, rows, sentence):
+    stream(tmp_path / "s.csv", [10, 40, 70])
+    table(tmp_path / "presses.csv", [10, 40, 70], rng)
+    write(tmp_path / "labels.csv", {"object": ["ball"] * rows})
+    how = EVENTS if trigger == "events" else CUT.changed(trigger="contact", level=0.5)
+
+    with pytest.raises(InputError, match=sentence):
+        load_mapped(tmp_path / "s.csv", how.changed(what="labels.csv"))
+
+
+def test_two_presses_at_one_frame_have_no_labels(tmp_path, rng):
+    stream(tmp_path / "s.csv", [10, 40])
+    table(tmp_path / "presses.csv", [10, 40, 39.9999], rng)
+
+    with pytest.raises(InputError, match="presses 1 and 2, counted from 0, are at the same frame"):
+        load_mapped(tmp_path / "s.csv", EVENTS.changed(what="presses.csv:object"))
+
+
+@pytest.mark.parametrize(
+    ("time", "unit", "onset", "scale"),
+    [
+        ("t", None, "onset", 1),
+        ("t", None, "onset_ms", 1000),
+        ("t [ms]", None, "onset", 1000),
+        ("t_ms", None, "onset [s]", 1),
+        ("t", "us", "onset", 10**6),
+    ],
+)
+def test_presses_are_in_the_unit_of_their_header_or_else_of_the_time(tmp_path, time, unit, onset, scale):
+    frames, per_s = np.arange(100), 1000 if "ms" in time else 10**6 if unit else 1
+    write(tmp_path / "s.csv", {time: frames / 100 * per_s, "f1": frames})
+    write(tmp_path / "presses.csv", {onset: np.array([20, 50]) / 100 * scale})
+    events = f"presses.csv:{onset.partition(' ')[0]}"
+
+    taps = load_mapped(
+        tmp_path / "s.csv", EVENTS.changed(time=time.partition(" ")[0], time_unit=unit, events=events)
+    ).taps
+
+    assert taps.taps[:, 2, 0].tolist() == [20, 50]
+
+
+def test_presses_and_frames_may_have_dates(tmp_path):
+    clock = np.datetime64("2026-11-26T10:00:00") + np.arange(100) * np.timedelta64(10, "ms")
+    write(tmp_path / "s.csv", {"t": clock, "f1": np.arange(100)})
+    write(tmp_path / "presses.csv", {"onset": ["2026-11-26 10:00:00.2", "2026-11-26 10:00:00.495"]})
+
+    assert load_mapped(tmp_path / "s.csv", EVENTS).taps.taps[:, 2, 0].tolist() == [20, 50]
