@@ -10,6 +10,9 @@ from ..errors import InputError, check_numbers
 
 GAP_STEPS = 5.0
 """Median steps of the clock above which a step is a gap that ends a stream."""
+_DAY_S = 86400
+_SINCE_1970 = 5e8, 4e9
+"""Seconds since 1970 between which a number counts as a time: no date written as a number is between them."""
 _DATES = tuple(
     re.compile(rf"(?<!\d){pattern}")
     for pattern in (
@@ -75,7 +78,8 @@ def number_by_date(values: ArrayLike) -> NDArray[np.int64]:
 
     Args:
         values: Dates or times as `datetime64`, or texts that contain one date: 2026-11-26, 2026/11/26, 20261126 or
-            26.11.2026, whatever follows; shape (n,). The order of day and month in 11/12/2026 is not known.
+            26.11.2026, whatever follows, or numbers of s, ms, us or ns since 1970, of the years 1986 to 2096, of which
+            the dates of Greenwich count; shape (n,). The order of day and month in 11/12/2026 is not known.
 
     Raises:
         InputError: A value is none of these.
@@ -85,6 +89,10 @@ def number_by_date(values: ArrayLike) -> NDArray[np.int64]:
         if np.isnat(values).any():
             raise InputError("date: a date is missing.")
         return np.unique(values.astype("datetime64[D]"), return_inverse=True)[1].astype(np.int64)
+    if values.dtype.kind in "iuf":
+        for unit in (1.0, 1e3, 1e6, 1e9):
+            if ((_SINCE_1970[0] * unit <= values) & (values <= _SINCE_1970[1] * unit)).all():
+                return np.unique(values // (_DAY_S * unit), return_inverse=True)[1].astype(np.int64)
     texts, which = np.unique(values.astype(np.str_), return_inverse=True)
     days = np.array([_date(str(text)).toordinal() for text in texts], dtype=np.int64)
     return np.unique(days[which], return_inverse=True)[1].astype(np.int64)

@@ -75,7 +75,9 @@ def read_mapped(
         )
     found = [piece for piece in found if piece.rows]
     even, rate = _joined(found, how), how.rate or _common_rate(found)
-    whose, told = tuple(piece.file for piece in found), (*unmatched(paths, files, how), *tables.told.values())
+    whose = tuple(piece.file for piece in found)
+    damaged = dict.fromkeys(f"{piece.file.path}: {piece.damage}" for piece in found if piece.damage)
+    told = (*unmatched(paths, files, how), *damaged, *tables.told.values())
     if even is not None:
         labels = joined_labels(found, how, tables)
         kept = Recording(even.samples, labels.take(even.kept), rate)

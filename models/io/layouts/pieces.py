@@ -43,6 +43,7 @@ class Piece:
         row: Number of the row or tap of the file that each one begins with, shape (rows,).
         numbers: Of the tap of each, as columns tell.
         whole: Number of rows or taps of the file, kept or not.
+        damage: What of the file is left out as it is damaged, in a sentence.
     """
 
     file: SourceFile
@@ -58,6 +59,7 @@ class Piece:
     row: NDArray[np.intp] = field(default_factory=lambda: np.arange(0))
     numbers: tuple[NDArray[Any], ...] = ()
     whole: int = 0
+    damage: str = ""
 
     @property
     def rows(self) -> int:
@@ -178,6 +180,7 @@ def _piece(read: FileRead, tables: LabelTables, missing: Missing) -> Piece:
         rows.which,
         rows.numbers,
         whole,
+        contents.damage,
     )
 
 

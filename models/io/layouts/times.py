@@ -1,5 +1,7 @@
 """Times of rows, taps and events in seconds, and the rate that they tell."""
 
+import re
+import warnings
 from typing import Any
 
 import numpy as np
@@ -7,6 +9,7 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from .formats.contents import unit_at_end
+from .formats.text_header import MISSING
 from .mapping import option
 from .patterns import filled
 from .reading import FileRead
@@ -14,6 +17,11 @@ from .signal import Signal
 
 _UNITS = {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "µs": 1e-6, "usec": 1e-6}
 _UNITS |= {"ns": 1e-9, "nsec": 1e-9}
+_DATE = r"(?P<d>\d{1,2})\.(?P<m>\d{1,2})\.(?P<y>\d{4})|(?P<Y>\d{4})(?P<sign>[-/])(?P<M>\d{1,2})(?P=sign)(?P<D>\d{1,2})"
+_TIME = r"(?P<h>\d{1,2}):(?P<min>\d\d)(?::(?P<s>\d\d)(?:[.,](?P<f>\d{1,9})\d*)?)?"
+_ZONE = r"(?P<zone>[+-])(?P<hours>\d\d):?(?P<minutes>\d\d)"
+_CLOCK = re.compile(rf"(?:{_DATE})?[ T_]*(?:{_TIME})?(?:Z|{_ZONE})?")
+_NONE = {"NaT", *MISSING}
 
 
 def times_of(read: FileRead) -> tuple[NDArray[np.float64] | None, str]:
@@ -63,14 +71,34 @@ def in_seconds(key: str, name: str, values: NDArray[Any], unit: str) -> NDArray[
     return numbers * _UNITS[unit]
 
 
-def _since_1970(key: str, name: str, texts: NDArray[Any]) -> NDArray[np.float64]:
+def _since_1970(key: str, name: str, values: NDArray[Any]) -> NDArray[np.float64]:
+    """Seconds since 1970 from dates with times of day, or since midnight from times of day alone."""
     try:
-        times = np.char.rstrip(texts, "Z") if texts.dtype.kind == "U" else texts
-        times = times.astype("datetime64[ns]")
-    except ValueError:
-        wanted = "numbers or times such as 2026-11-26 10:00:00.25"
-        raise InputError(f"{option(key)}: {name} holds texts such as {texts.flat[0]!s:.40}, not {wanted}.") from None
+        with warnings.catch_warnings():  # that numpy does not keep time zones
+            warnings.simplefilter("error")
+            times = values.astype("datetime64[ns]")
+    except (ValueError, UserWarning):
+        try:
+            times = np.array([_time(text.strip()) for text in values.reshape(-1).tolist()]).reshape(values.shape)
+        except ValueError as error:
+            wanted = "numbers or times such as 2026-11-26 10:00:00.25, 26.11.2026 10:00 or 10:00:00.25"
+            raise InputError(f"{option(key)}: {name} holds {error}, not {wanted}.") from None
     return np.where(np.isnat(times), np.nan, times.astype(np.int64) / 1e9)
+
+
+def _time(text: str) -> np.datetime64:
+    if text in _NONE:
+        return np.datetime64("NaT", "ns")
+    found = _CLOCK.fullmatch(text)
+    if found is None:
+        raise ValueError(f"texts such as {text:.40}")
+    year, month, day = found["y"] or found["Y"] or 1970, found["m"] or found["M"] or 1, found["d"] or found["D"] or 1
+    clock = f"{int(found['h'] or 0):02}:{found['min'] or '00'}:{found['s'] or '00'}.{found['f'] or 0}"
+    time = np.datetime64(f"{year}-{int(month):02}-{int(day):02}T{clock}", "ns")
+    if not found["zone"]:
+        return time
+    east = np.timedelta64(60 * int(found["hours"]) + int(found["minutes"]), "m")
+    return time - east if found["zone"] == "+" else time + east
 
 
 def rate_of(time_s: NDArray[np.float64], signal: Signal, starts: NDArray[np.intp] | None) -> float | None:

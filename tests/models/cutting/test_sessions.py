@@ -33,6 +33,8 @@ DATES = {
     "german": ["26.11.2026 10:00", "25.11.2026", "26.11.2026"],
     "slashes": ["2026/11/26", "2026/11/25", "2026/11/26"],
     "numbers": [20261126, 20261125, 20261126],
+    "seconds since 1970": [1795651200.5, 1795651199.0, 1795737599],
+    "nanoseconds since 1970": np.array([1795651200, 1795651199, 1795737599]) * 10**9,
     "datetime64": np.array(["2026-11-26T10:00", "2026-11-25T23:59", "2026-11-26T00:00"], dtype="datetime64[s]"),
 }
 
@@ -42,7 +44,7 @@ def test_sessions_are_numbered_by_date(kind):
     assert number_by_date(DATES[kind]).tolist() == [1, 0, 1]
 
 
-@pytest.mark.parametrize("text", ["11/12/2026", "2026-13-01", "run 5", "", "120261126", "2026-11-261"])
+@pytest.mark.parametrize("text", ["11/12/2026", "2026-13-01", "run 5", "", "120261126", "2026-11-261", "1795651200"])
 def test_what_is_no_date_is_refused(text):
     with pytest.raises(InputError, match=r"date: no date in .*expected one such as 2026-11-26"):
         number_by_date(["2026-11-26", text])

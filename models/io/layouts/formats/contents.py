@@ -66,6 +66,7 @@ class Contents(ABC):
         path: The file or folder.
         variables: Its arrays or columns in their order; groups are joined by `/`, fields of structs by `.`.
         unreadable: Names of what cannot be read, each with the reason, for messages.
+        damage: What of it is left out as it is damaged, in a sentence, empty if nothing is.
         attributes: Texts and numbers that belong to the file, such as a licence.
         table: Whether the variables are columns of one table, with as many rows each.
         most: How many blocks of rows of a table `read` reads, each of some MiB; `None` for all.
@@ -74,6 +75,7 @@ class Contents(ABC):
     path: Path
     variables: Mapping[str, Variable]
     unreadable: Mapping[str, str]
+    damage: str = ""
     attributes: Mapping[str, str | float]
     table: bool = False
     most: int | None = None

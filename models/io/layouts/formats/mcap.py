@@ -8,7 +8,7 @@ import numpy as np
 from mcap.records import Channel, Message, Metadata, Schema, Statistics
 from numpy.typing import NDArray
 
-from ....errors import InputError
+from ....errors import InputError, counted
 from ...mcap_file import McapFile
 from ...untrusted import in_bytes
 from . import objects
@@ -72,8 +72,10 @@ class McapContents(Contents):
             self.unreadable[objects.REST] = f"its first {in_bytes(messages.size)} of messages tell what there is"
         if messages.lost > 0:
             self.unreadable[f"{messages.lost} messages"] = "the summary of the file counts them, but they are damaged"
+            self.damage = f"{counted(messages.lost, 'message')} left out: damaged."
         if messages.lost_bytes:
             self.unreadable["the end of the file"] = f"its last {messages.lost_bytes} bytes are damaged"
+            self.damage = f"The last {messages.lost_bytes} bytes left out: damaged."
         if not self.variables:
             why = "".join(f"; {name}: {reason}" for name, reason in self.unreadable.items())
             raise InputError(f"there are no messages that can be read{why}.")

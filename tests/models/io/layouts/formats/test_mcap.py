@@ -10,6 +10,8 @@ from solidtouch.models.errors import InputError
 from solidtouch.models.io.layouts.formats import mcap
 from solidtouch.models.io.layouts.formats.contents import TextTable
 from solidtouch.models.io.layouts.formats.mcap import open_mcap
+from solidtouch.models.io.layouts.mapping import TapMap
+from solidtouch.models.io.layouts.tap_set import load_mapped
 
 DEFINITION = """Header header
 float64[] position
@@ -136,6 +138,8 @@ def test_a_file_that_breaks_off_is_read_up_to_there(tmp_path):
     read = contents.read([], ["/skin/p.x"])[1]
 
     assert "bytes are damaged" in contents.unreadable["the end of the file"]
+    told = load_mapped(path, TapMap(taxels="/skin/p.x", tap="row")).told
+    assert told[0].startswith(f"{path}: The last ")
     assert 0 < len(read) < 50
     assert read[:, 0].tolist() == list(range(len(read)))
 
