@@ -1,37 +1,47 @@
 """Options of `convert`, one for each key of a map."""
 
+from collections.abc import Callable
 from typing import Annotated, Any, Literal
 
 import typer
 
 from ...models.io.layouts.mapping import Format, TimeUnit, Trigger
+from .options import ReadAs
 
 _FILES, _TEXT, _SAMPLES = "Files", "Text tables", "Samples"
 _LABELS, _CUTTING, _ORIGIN = "Labels", "Cutting streams", "Origin"
 
 
-def _option(kind: Any, panel: str, text: str, metavar: str | None = None, **more: Any) -> Any:
-    return Annotated[kind, typer.Option(help=text, rich_help_panel=panel, metavar=metavar, show_default=False, **more)]
+def _option(
+    kind: Any,
+    panel: str,
+    text: str,
+    metavar: str | None = None,
+    read: Callable[[Any], Any] = lambda value: value,
+    **more: Any,
+) -> Any:
+    told = typer.Option(help=text, rich_help_panel=panel, metavar=metavar, show_default=False, **more)
+    return Annotated[kind, told, ReadAs(read)]
 
 
-def _parts(text: str) -> str | tuple[str, ...]:
-    """Names separated by commas, or one."""
-    parts = _listed(text)
-    return text if len(parts) == 1 else parts
+def _listed(texts: list[str] | tuple[str, ...] | None) -> tuple[str, ...]:
+    """Words separated by commas, of an option that may be given several times."""
+    return tuple(part.strip() for text in texts or () for part in text.split(","))
 
 
-def _positions(text: str) -> str | tuple[float | str, ...]:
+def _parts(texts: list[str] | None) -> str | tuple[str, ...] | None:
+    """Names separated by commas, or one; `None` for none."""
+    parts = _listed(texts)
+    return None if not texts else texts[0] if len(parts) == 1 else parts
+
+
+def _positions(texts: list[str] | None) -> str | tuple[float | str, ...] | None:
     """Numbers or names separated by commas, or the name of an array."""
-    parts = _parts(text)
+    parts = _parts(texts)
     try:
-        return parts if isinstance(parts, str) else tuple(map(float, parts))
+        return tuple(map(float, parts)) if isinstance(parts, tuple) else parts
     except ValueError:
         return parts
-
-
-def _listed(text: str | tuple[str, ...]) -> tuple[str, ...]:
-    """Words separated by commas; a default is given as it is."""
-    return text if isinstance(text, tuple) else tuple(part.strip() for part in text.split(","))
 
 
 def _length(text: str) -> str | int:
@@ -48,7 +58,9 @@ MAP_OPTIONS: dict[str, Any] = {
         _FILES,
         "Format of the files, if their names do not tell.",
     ),
-    "delimiter": _option(_Text, _TEXT, "Between cells: a character, tab or blank; default: found.", "CHARACTER"),
+    "delimiter": _option(
+        list[str] | None, _TEXT, "Between cells: signs, tab or blank; default: found; repeatable.", "SIGNS"
+    ),
     "decimal": _option(Literal[".", ","], _TEXT, "Decimal mark; default: a point."),
     "skip_rows": _option(int, _TEXT, "Lines before the header.", "N"),
     "comment": _option(str, _TEXT, "What begins a comment, such as '#'.", "TEXT"),
@@ -73,7 +85,9 @@ MAP_OPTIONS: dict[str, Any] = {
         Literal["contact", "peak"] | None, _SAMPLES, "What falls on the same sample of all taps; see --level and --pre."
     ),
     "resample": _option(float | None, _SAMPLES, "Resample to this rate.", "HZ"),
-    "leave_out": _option(Any, _SAMPLES, "Taxels to be left out: dead, saturated or both.", "KINDS", parser=_listed),
+    "leave_out": _option(
+        list[str] | None, _SAMPLES, "Taxels to be left out: dead, saturated or both.", "KINDS", read=_listed
+    ),
     "time": _option(_Text, _SAMPLES, "Column or array of times.", "COLUMN"),
     "time_unit": _option(TimeUnit.__value__ | None, _SAMPLES, "Unit of the times."),
     "rate": _option(float | None, _SAMPLES, "Sampling rate, if the file does not state it.", "HZ"),
@@ -86,14 +100,18 @@ MAP_OPTIONS: dict[str, Any] = {
     "session": _option(_Text, _LABELS, "Recording session of a tap, likewise, or file.", "SOURCE"),
     "trial": _option(_Text, _LABELS, "Number of a tap, likewise.", "SOURCE"),
     "what_names": _option(
-        Any, _LABELS, "Names that --what indexes: NAME,NAME,... or the array that holds them.", "NAMES", parser=_parts
+        list[str] | None,
+        _LABELS,
+        "Names that --what indexes: NAME,NAME,... or the array that holds them.",
+        "NAMES",
+        read=_parts,
     ),
     "where_values": _option(
-        Any,
+        list[str] | None,
         _LABELS,
         "Positions that --where indexes: X,X,... or NAME,NAME,... or their array.",
         "VALUES",
-        parser=_positions,
+        read=_positions,
     ),
     "one_based": _option(bool, _LABELS, "Indices count from 1, as in MATLAB."),
     "what_value": _option(_Text, _LABELS, "Size of an object: a source, or names, as in 'rod 4 mm'.", "SOURCE"),

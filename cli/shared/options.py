@@ -2,6 +2,7 @@
 
 import inspect
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -245,6 +246,18 @@ class Fields:
         self.options: dict[str, Any] = {name: OPTIONS[name] for name in names} | others
 
 
+@dataclass(frozen=True)
+class ReadAs:
+    """Annotation of an option: what becomes of its texts before they are a field of a record."""
+
+    read: Callable[[Any], Any]
+
+
+def _field(option: Any, value: Any) -> Any:
+    """Value of a field from that of its option."""
+    return next((part.read(value) for part in option.__metadata__ if isinstance(part, ReadAs)), value)
+
+
 def spelled_out(command: Callable[..., None]) -> Callable[..., None]:
     """Command for Typer, with one option per field for each parameter annotated with `Fields`.
 
@@ -274,7 +287,9 @@ def spelled_out(command: Callable[..., None]) -> Callable[..., None]:
         values = dict(bound.arguments)
         for name, (default, options) in records.items():
             try:
-                values[name] = default.changed(**{field: values.pop(field) for field in options})
+                values[name] = default.changed(
+                    **{field: _field(option, values.pop(field)) for field, option in options.items()}
+                )
             except SettingError as error:
                 option = options[error.name].__metadata__[0]
                 names = option.param_decls or (option.default,)  # where Typer looks for the name in an annotation

@@ -236,3 +236,38 @@ def test_a_tap_set_is_freed_of_dead_taxels_but_not_resampled(make_taps, tmp_path
     assert TapSet.load(tmp_path / "b.nc").taps.tolist() == data[:, :, 1:].tolist()
     with pytest.raises(InputError, match=r"a\.nc: resample \(--resample\) is for frames"):
         run("convert", tmp_path / "a.nc", tmp_path / "c.nc", "--resample", 50)
+
+
+@pytest.mark.parametrize(
+    "words", [["both"], ["dead,saturated"], ["dead", "--leave-out", "saturated"], ["saturated", "--leave-out", "dead"]]
+)
+def test_kinds_of_taxels_may_be_listed_or_given_one_after_the_other(tmp_path, words):
+    taps = np.random.default_rng(3).normal(size=(4, 20, 3))
+    taps[:, :, 1] = 7.0
+    taps[:, 5:15, 2] = 9.0
+    np.save(tmp_path / "a.npy", taps)
+    run("convert", tmp_path / "a.npy", tmp_path / "a.nc", "--axes", "tap,sample,taxel", "--leave-out", *words)
+
+    assert TapSet.load(tmp_path / "a.nc").preprocessing.taxels == (0,)
+
+
+def test_names_and_positions_may_be_listed_or_given_one_after_the_other(tmp_path):
+    np.save(tmp_path / "a.npy", np.arange(16.0).reshape(2, 2, 2, 2))
+    names, places = ("--what-names", "a", "--what-names", "b"), ("--where-values", 1.5, "--where-values", 2.5)
+    run("convert", tmp_path / "a.npy", tmp_path / "a.nc", "--axes", "what,where,sample,taxel", *names, *places)
+    taps = TapSet.load(tmp_path / "a.nc")
+
+    assert taps.what_name == ["a", "b"]
+    assert taps.where.tolist() == [1.5, 2.5, 1.5, 2.5]
+
+
+def test_a_log_with_an_arrow_after_the_time_is_converted(tmp_path):
+    rows = "\n".join(f"14:02:11.{100 + 25 * n} -> {n},{-n}" for n in range(6))
+    (tmp_path / "a.log.txt").write_text(rows)
+    words = "--no-header", "--tap", "file", "--time", 0
+    for more in ([], ["--delimiter", "->", "--delimiter", ","]):
+        run("convert", tmp_path / "a.log.txt", tmp_path / "a.nc", "--taxels", "1:", *words, *more, "--force")
+        taps = TapSet.load(tmp_path / "a.nc")
+
+        assert taps.taps.tolist() == [[[n, -n] for n in range(6)]]
+        assert taps.preprocessing.rate_hz == 40

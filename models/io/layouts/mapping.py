@@ -17,7 +17,7 @@ from .formats.contents import TextTable
 type Format = Literal["text", "npy", "npz", "mat", "hdf5", "netcdf", "zarr", "parquet", "arrow", "jsonl", "mcap"]
 type TimeUnit = Literal["s", "ms", "us", "ns"]
 type Trigger = Literal["clock", "contact", "signal", "events"]
-type Useless = Literal["dead", "saturated"]
+type Useless = Literal["dead", "saturated", "both"]
 type Length = Literal["shortest", "longest"] | Annotated[int, Meta(ge=1, le=10**9)]
 type Names = Annotated[str | tuple[str, ...], wanted("a name or a list of names")]
 
@@ -108,7 +108,7 @@ class TapMap(Checked, frozen=True, kw_only=True):
 
     files: str | None = None
     format: Format | None = None
-    delimiter: str | None = None
+    delimiter: Names | None = None
     decimal: Annotated[Literal[".", ","], wanted("a point or a comma")] = "."
     skip_rows: Annotated[int, wanted("an integer from 0 to 1000000", ge=0, le=10**6)] = 0
     comment: str = ""
@@ -156,9 +156,9 @@ class TapMap(Checked, frozen=True, kw_only=True):
     citation: str | None = None
 
     def __post_init__(self) -> None:
-        """Checks every value; a list of one source or array is that one; one further array or kind of taxels a list."""
+        """Checks every value; a list of one source, array or delimiter is that one, one further array a list."""
         super().__post_init__()
-        for key in ("where", "tap", "taps"):
+        for key in ("where", "tap", "taps", "delimiter"):
             if isinstance(several := getattr(self, key), tuple) and len(several) == 1:
                 force_setattr(self, key, several[0])
         if isinstance(self.where, tuple) and not 0 < len(self.where) <= len(PLANE):
@@ -166,6 +166,8 @@ class TapMap(Checked, frozen=True, kw_only=True):
         for key in ("extra", "leave_out"):
             if isinstance(one := getattr(self, key), str):
                 force_setattr(self, key, (one,))
+        if "both" in self.leave_out:
+            force_setattr(self, "leave_out", ("dead", "saturated"))
         for key in ("scale", "where_scale"):
             if not getattr(self, key):
                 raise SettingError(key, "must not be 0.")

@@ -30,14 +30,14 @@ class TextTable(msgspec.Struct, frozen=True, kw_only=True):
     """How a table of text is written; see docs/reference/maps.md.
 
     Attributes:
-        delimiter: Between cells, `"tab"`, or `"blank"` for any number of blanks; `None` to find it.
+        delimiter: Between cells, `"tab"`, or `"blank"` for any number of blanks, or several of them; `None` to find it.
         decimal: Decimal mark.
         skip_rows: Lines before the header.
         comment: What begins a comment.
         header: Whether there is one.
     """
 
-    delimiter: str | None = None
+    delimiter: str | tuple[str, ...] | None = None
     decimal: str = "."
     skip_rows: int = 0
     comment: str = ""

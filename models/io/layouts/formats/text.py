@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from ....errors import InputError
 from .columns import Part, gathered
 from .contents import Contents, TextTable, Values, Variable, name_and_unit
-from .text_header import MISSING, TextLayout, layout_of
-from .text_lines import BLOCK, Lines, TextBlock, rows, whole_rows
+from .text_header import MISSING, TextLayout, layout_of, without_thousands
+from .text_lines import BLOCK, Lines, TextBlock, rows, whole_rows, with_one_delimiter
 
 _END, _TAB, _QUOTE = b'\n\t"'
 _SHOWN = 40
@@ -47,8 +47,9 @@ class TextContents(Contents):
         self._layout = layout_of(Lines(path, how.skip_rows, how.comment), how)
         self._lines = Lines(path, self._layout.start - 1, how.comment, size)
         kinds = (np.dtype(np.float64 if numeric else np.str_) for numeric in self._layout.numeric)
-        columns = zip(self._layout.names, kinds, strict=True)
-        self.variables = {name: Variable((None,), kind, name_and_unit(name)[1]) for name, kind in columns}
+        units = self._layout.units or [""] * len(self._layout.names)
+        columns = zip(self._layout.names, kinds, units, strict=True)
+        self.variables = {name: Variable((None,), kind, name_and_unit(name)[1] or unit) for name, kind, unit in columns}
 
     @property
     @override
@@ -79,7 +80,10 @@ class TextContents(Contents):
         raise IndexError(row)
 
     def _blocks(self) -> Iterable[TextBlock]:
-        return whole_rows(self._lines, self._layout.delimiter)
+        delimiter, others, blocks = self._layout.delimiter, self._layout.others, iter(self._lines)
+        if others:
+            blocks = (each._replace(content=with_one_delimiter(each.content, others, delimiter)) for each in blocks)
+        return whole_rows(blocks, delimiter)
 
     def _places(self, names: Iterable[str]) -> list[int]:
         """Numbers of columns."""
@@ -110,7 +114,7 @@ def _quickly(block: TextBlock, layout: TextLayout, texts: list[int], numbers: li
     if len(frame) != length:
         return None
     words = [np.array(list(map(str.strip, frame[i])), np.str_) for i in texts]
-    words = [_with_points(of, layout, i) for of, i in zip(words, texts, strict=True)]
+    words = [_with_points(of, layout, i, block) for of, i in zip(words, texts, strict=True)]
     return Part(words, frame[numbers].to_numpy(np.float64))
 
 
@@ -163,12 +167,16 @@ def _exactly(block: TextBlock, layout: TextLayout, texts: list[int], numbers: li
             raise _not_a_number(line, cells, layout, numbers) from None
     table = np.array(read, np.float64).reshape(len(read), len(numbers))
     columns = (np.array([row[j] for row in words], np.str_) for j in range(len(texts)))
-    return Part([_with_points(of, layout, i) for of, i in zip(columns, texts, strict=True)], table)
+    return Part([_with_points(of, layout, i, block) for of, i in zip(columns, texts, strict=True)], table)
 
 
-def _with_points(words: NDArray[np.str_], layout: TextLayout, column: int) -> NDArray[np.str_]:
-    """Cells of a column of numbers with a decimal point, others as they are."""
-    return np.char.replace(words, layout.decimal, ".") if layout.numeric[column] and layout.decimal != "." else words
+def _with_points(words: NDArray[np.str_], layout: TextLayout, column: int, block: TextBlock) -> NDArray[np.str_]:
+    """Cells of a column of numbers with a decimal point and without signs between thousands, others as they are."""
+    if not layout.numeric[column]:
+        return words
+    if not block.content.isascii() or b"'" in block.content:
+        words = np.array(list(map(without_thousands, words.tolist())), np.str_)
+    return np.char.replace(words, layout.decimal, ".") if layout.decimal != "." else words
 
 
 def _not_a_number(line: int, cells: Sequence[str], layout: TextLayout, numbers: Sequence[int]) -> InputError:
@@ -176,6 +184,11 @@ def _not_a_number(line: int, cells: Sequence[str], layout: TextLayout, numbers: 
     where = f"line {line}, column {layout.names[bad]}: {cells[bad][:_SHOWN]!r} is not a number"
     if re.fullmatch(r"[-+]?\d{1,3}(\.\d{3})+", cells[bad]) and layout.decimal == ",":
         return InputError(f"{where}; write thousands without points.")
+    if line == layout.start and not any(layout.is_number(cells[i]) for i in numbers):
+        return InputError(
+            f"{where}; if this line is no row of data, --skip-rows {line} --no-header reads those below it, with "
+            "columns called by their numbers from 0."
+        )
     other = "," if layout.decimal == "." else "."
     if replace(layout, decimal=other).is_number(cells[bad]):
         return InputError(f"{where} with decimal mark {layout.decimal!r}; --decimal changes it.")

@@ -9,11 +9,27 @@ import numpy as np
 
 from ....errors import InputError
 from .contents import TextTable
-from .text_lines import DELIMITERS, Lines, OpenQuote, TextBlock, rows
+from .text_lines import DELIMITERS, Lines, OpenQuote, TextBlock, rows, with_one_delimiter
 
 _FIRST = 30  # rows that are looked at
 MISSING = ("", "NA", "N/A", "n/a", "NaN", "nan", "null", "None")
 _OLD_COMMENT = re.compile(rb'\A(\s*)[#%]+[ \t]*(?=[\w"\[])')
+_LOGGED = re.compile(rb"(?m)^\d{1,2}:\d\d:\d\d(\.\d+)? -> ")
+"""Begin of a line of a monitor of serial ports, such as Arduino's."""
+_CLOCK = re.compile(r"[\d./T+Z-]* ?\d{1,2}:\d\d[\d.:/T+Z-]*")
+_THOUSANDS = re.compile("([-+]?[1-9]\\d{0,2})([\u00a0\u2009\u202f'\u2019])(\\d{3}(?:\\2\\d{3})*(?:[.,]\\d*)?)")
+"""A number with thousands apart, by a blank that does not break or is thin, or by an apostrophe."""
+_ONE_UNIT = (
+    r"(?:[nuµμmcdkMG]?(?:s|sec|m|g|N|Nm|V|A|Pa|Hz|bar|rad|Ω|Ohm|F|H|T|W|J|C|K)|min|h|°C?|deg|%|psi|lbf?|inch|counts?"
+    r"|LSB|ADC|a\.?u\.?|samples?)(?:\^?-?\d|[²³])?"
+)
+_UNIT = re.compile(rf"[\[(]?({_ONE_UNIT}(?:[/*·.]{_ONE_UNIT})*|-?)[\])]?")
+"""A unit, in brackets or without, or a dash for none."""
+_FORMAT = re.compile(r"[DdMmYyHhSsf:./ -]+")
+"""Of dates and times."""
+_ARROW = ("->",)
+_STAND_IN = "\x1f"
+"""Delimiter in place of those of several signs."""
 type Rows = list[tuple[int, list[str]]]
 
 
@@ -23,6 +39,8 @@ class TextLayout:
 
     Attributes:
         delimiter: One character; a blank for any number of blanks.
+        others: Further delimiters, which are read as if they were this one.
+        units: Of the columns, from a row below the header; empty without such a row.
         decimal: Decimal mark.
         names: Of the columns, from the header.
         spare: Number of columns without a name after them, which are empty.
@@ -36,6 +54,8 @@ class TextLayout:
     spare: int
     start: int
     numeric: tuple[bool, ...]
+    others: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
 
     def number(self, cell: str) -> float:
         """Number of a cell; NaN where it is missing.
@@ -47,6 +67,7 @@ class TextLayout:
             return np.nan
         if "_" in cell:
             raise ValueError
+        cell = without_thousands(cell)
         if self.decimal != ".":
             if "." in cell:
                 raise ValueError
@@ -61,6 +82,10 @@ class TextLayout:
             return False
         return True
 
+    def is_no_name(self, cell: str) -> bool:
+        """Whether a cell holds a number or a time of day, which are no names of columns."""
+        return self.is_number(cell) or _CLOCK.fullmatch(cell) is not None
+
     def check_width(self, line: int, cells: Sequence[str]) -> None:
         """Checks the number of cells of a row.
 
@@ -70,7 +95,21 @@ class TextLayout:
         width = len(self.names)
         if len(cells) < width or len(cells) > width + self.spare or any(cells[width:]):
             found = f"{len(cells)} cell{'s' * (len(cells) != 1)}"
-            raise InputError(f"line {line}: {found}, but there are {width} columns, split at {_named(self.delimiter)}.")
+            signs = [*([self.delimiter] if self.delimiter != _STAND_IN else []), *self.others]
+            split = " and ".join(map(_named, signs))
+            raise InputError(f"line {line}: {found}, but there are {width} columns, split at {split}.")
+
+
+def without_thousands(cell: str) -> str:
+    r"""A number without the signs between its thousands; another text as it is.
+
+    >>> without_thousands("-1\u00a0030,80"), without_thousands("12'345'678.5"), without_thousands("it's")
+    ('-1030,80', '12345678.5', "it's")
+    """
+    if cell.isascii() and "'" not in cell:
+        return cell
+    found = _THOUSANDS.fullmatch(cell)
+    return cell if found is None else cell.replace(found[2], "")
 
 
 def layout_of(lines: Lines, how: TextTable) -> TextLayout:
@@ -86,11 +125,13 @@ def layout_of(lines: Lines, how: TextTable) -> TextLayout:
     if how.header:
         first = first._replace(content=_OLD_COMMENT.sub(rb"\1", first.content))
     if how.delimiter:
-        delimiter = DELIMITERS.get(how.delimiter, how.delimiter)
-        found = _layout(_first_rows(first, delimiter), delimiter, how)
+        delimiter, *others = _delimiters(how)
+        found = _layout(_first_rows(first, delimiter, others), delimiter, how, others)
+    elif all(map(_LOGGED.match, first.content.split(b"\n", _FIRST)[:-1])):
+        found = _logged(first, how)
     else:
         found = _found(first, how)
-    if how.header and all(found.is_number(name) for name in found.names):
+    if how.header and any(map(found.is_number, found.names)) and all(map(found.is_no_name, found.names)):
         raise InputError(
             "numbers stand where the header should be; without a header, set header to false (--no-header)."
         )
@@ -100,16 +141,34 @@ def layout_of(lines: Lines, how: TextTable) -> TextLayout:
 def _check(how: TextTable) -> None:
     if how.decimal not in (".", ","):
         raise InputError(f"decimal (--decimal) must be . or a comma, got {how.decimal!r}.")
-    given = DELIMITERS.get(how.delimiter or ",", how.delimiter or ",")
-    if len(given) != 1 or not given.isascii() or given.isalnum() or given in '"\r\n':
-        raise InputError(f"delimiter (--delimiter) must be one sign, tab or blank, got {how.delimiter!r}.")
-    if how.delimiter == how.decimal:
-        raise InputError(f"delimiter (--delimiter) and decimal mark (--decimal) are both {how.decimal!r}.")
+    for given in _delimiters(how):
+        if not given.isascii() or given.isalnum() or set(given) & set('"\r\n'):
+            raise InputError(f"delimiter (--delimiter) must be signs, tab or blank, got {how.delimiter!r}.")
+        if given == how.decimal:
+            raise InputError(f"delimiter (--delimiter) and decimal mark (--decimal) are both {how.decimal!r}.")
 
 
-def _first_rows(first: TextBlock, delimiter: str) -> Rows:
+def _delimiters(how: TextTable) -> list[str]:
+    """The sign that divides cells, and other delimiters that are read as if they were it."""
+    told = (how.delimiter,) if isinstance(how.delimiter, str) else how.delimiter or ()
+    signs = [DELIMITERS.get(text, text.strip() or " ") for text in told]
+    single = " " if " " in signs else next((sign for sign in signs if len(sign) == 1), _STAND_IN)
+    return [single, *(sign for sign in signs if sign != single)]
+
+
+def _logged(first: TextBlock, how: TextTable) -> TextLayout:
+    """Layout of a log, whose lines begin with a time and an arrow, with the delimiter of what comes after them."""
+    delimiter = _found(first._replace(content=_LOGGED.sub(b"", first.content)), how).delimiter
+    found = _layout(_first_rows(first, delimiter, _ARROW), delimiter, how, _ARROW)
+    named = how.header and "time" not in found.names and not all(map(found.is_no_name, found.names))
+    return replace(found, names=("time", *found.names[1:])) if named else found
+
+
+def _first_rows(first: TextBlock, delimiter: str, others: Sequence[str] = ()) -> Rows:
     """Up to 30 rows, without a last one whose quoted cell goes on in the next block."""
     found: Rows = []
+    if others:
+        first = first._replace(content=with_one_delimiter(first.content, others, delimiter))
     try:
         found.extend(islice(rows(first, delimiter), _FIRST + 1))
     except OpenQuote:
@@ -170,7 +229,7 @@ def _line(why: str) -> int:
     return int(found[1]) if found else 0
 
 
-def _layout(table: Rows, delimiter: str, how: TextTable) -> TextLayout:
+def _layout(table: Rows, delimiter: str, how: TextTable, others: Sequence[str] = ()) -> TextLayout:
     if len(table) <= how.header:
         raise InputError("there are no rows below the header." if table else "there are no rows.")
     header, below = table[0][1], table[how.header :]
@@ -182,9 +241,32 @@ def _layout(table: Rows, delimiter: str, how: TextTable) -> TextLayout:
         width -= 1
     names = tuple((header[i] if how.header else "") or str(i) for i in range(width))
     spare = 0 if delimiter == " " else max(1, len(header) - width)
-    layout = TextLayout(delimiter, how.decimal, names, spare, below[0][0], ())
+    layout = TextLayout(delimiter, how.decimal, names, spare, below[0][0], (), tuple(others))
+    if how.header and (units := _units([cells for _, cells in below], layout)):
+        below = below[1:]
+        layout = replace(layout, start=below[0][0], units=units)
     numeric = (all(layout.is_number(cell) for _, cells in below for cell in cells[i : i + 1]) for i in range(width))
     return replace(layout, numeric=tuple(numeric))
+
+
+def _units(below: Sequence[Sequence[str]], layout: TextLayout) -> tuple[str, ...]:
+    """Units of the columns from the first row below the header; empty where that surely holds nothing else.
+
+    Those of all columns of numbers, and beside them no texts but formats of dates and times.
+    """
+    either = [replace(layout, decimal=decimal) for decimal in ".,"]
+    width = len(layout.names)
+    if min(width, len(below)) < 2 or any(len(cells) < width for cells in below):
+        return ()
+    first, rest = below[0][:width], [cells[:width] for cells in below[1:]]
+    units = [_UNIT.fullmatch(cell) or _FORMAT.fullmatch(cell) for cell in first]
+    columns = zip(*rest, strict=True)
+    numeric = [all(any(each.is_number(cell) for each in either) for cell in column) for column in columns]
+    found = tuple(unit[1].strip("-") if unit and unit.re is _UNIT else "" for unit in units)
+    if not all(units) or not any(unit for unit, numbers in zip(found, numeric, strict=True) if numbers):
+        return ()
+    certain = all(unit.re is _UNIT for unit, numbers in zip(units, numeric, strict=True) if numbers and unit)
+    return found if certain else ()
 
 
 def _named(delimiter: str) -> str:

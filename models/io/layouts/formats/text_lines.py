@@ -140,6 +140,13 @@ def _line_feeds(content: bytes) -> bytes:
     return content.replace(b"\r\n", b"\n").replace(b"\r", b"\n") if b"\r" in content else content
 
 
+def with_one_delimiter(content: bytes, others: Iterable[str], delimiter: str) -> bytes:
+    """Text with one delimiter in place of others; those in quoted cells stay."""
+    signs = b"|".join(re.escape(other.encode()) for other in others)
+    one = delimiter.encode()
+    return re.sub(b"(%s)|%s" % (_QUOTED, signs), lambda found: found[1] or one, content)
+
+
 class OpenQuote(InputError):
     """A quoted cell does not end."""
 

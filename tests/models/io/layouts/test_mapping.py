@@ -28,6 +28,7 @@ def test_one_kind_of_taxels_and_one_further_array_need_no_list(tmp_path):
     (tmp_path / "map.toml").write_text('leave_out = "dead"\nextra = "depth"\nwhere = ["x"]\n')
     how = load_map(tmp_path / "map.toml")
     assert (how.leave_out, how.extra, how.where) == (("dead",), ("depth",), "x")
+    assert TapMap(leave_out="both") == TapMap(leave_out=["both"]) == TapMap(leave_out=("dead", "saturated"))
 
 
 @pytest.mark.parametrize("key", ["scale", "where_scale"])

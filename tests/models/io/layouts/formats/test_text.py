@@ -234,3 +234,95 @@ def test_signs_of_windows_are_read(tmp_path):
 def test_points_between_thousands_are_told(tmp_path):
     message = refused(tmp_path, "a;b\n1,5;2\n-1.072;3\n", columns=["a", "b"], decimal=",", delimiter=";")
     assert message == "line 3, column a: '-1.072' is not a number; write thousands without points."
+
+
+@pytest.mark.parametrize(
+    ("content", "delimiter"),
+    [
+        ("a -> b,c\n1 -> 2,3\n", ("->", ",")),
+        ("a->b->c\n1->2->3\n", "->"),
+        ("a;b,c\n1;2,3\n", (",", ";")),
+        ("a::b\tc\n1::2 3\n", ("::", "blank")),
+        ("a, b, c\n1, 2, 3\n", ", "),
+    ],
+)
+def test_cells_are_divided_by_several_signs(tmp_path, content, delimiter):
+    assert opened(tmp_path, content, delimiter=delimiter).read([], "abc")[1].tolist() == [[1, 2, 3]]
+
+
+def test_signs_in_quotes_divide_no_cells(tmp_path):
+    content = 'a->b\n1->"x->y"\n2->z\n'
+    assert opened(tmp_path, content, delimiter="->").read(["b"])[0]["b"].tolist() == ["x->y", "z"]
+    assert "line 3: 1 cell, but there are 2 columns, split at '->'." in refused(
+        tmp_path, "a->b\n1->2\n3\n", (), "ab", delimiter="->"
+    )
+    assert "--decimal" in refused(tmp_path, "a,b\n1,2\n", delimiter=(";", ","), decimal=",")
+
+
+@pytest.mark.parametrize("between", [",", ", ", "\t", " ", ";"])
+def test_logs_of_a_serial_monitor_are_divided_at_the_arrow_too(tmp_path, between):
+    """Arduino's writes the time before each line; a header of the sketch stands behind one as well."""
+    rows = [f"14:02:11.{10 + n} -> {between.join(map(str, (n, 2 * n, -3)))}" for n in range(3)]
+    contents = opened(tmp_path, "\r\n".join(rows), header=False)
+    texts, read = contents.read(["0"], ["1", "2", "3"])
+
+    assert texts["0"].tolist() == ["14:02:11.10", "14:02:11.11", "14:02:11.12"]
+    assert read.tolist() == [[0, 0, -3], [1, 2, -3], [2, 4, -3]]
+    assert "--no-header" in refused(tmp_path, "\n".join(rows))
+    header = f"14:02:11.09 -> {between.join('abc')}"
+    assert list(opened(tmp_path, "\n".join([header, *rows])).variables) == ["time", "a", "b", "c"]
+
+
+@pytest.mark.parametrize("time", ["2022-05-01 14:02:11.250", "14:02:11", "2022-05-01T14:02:11+01:00", "01/05/22 2:02"])
+def test_a_row_of_numbers_and_a_time_is_no_header(tmp_path, time):
+    assert "--no-header" in refused(tmp_path, f"{time},494,491\n{time},500,499\n")
+    assert list(opened(tmp_path, f"{time},a,491\n{time},500,499\n").variables) == [time, "a", "491"]
+
+
+def test_a_row_of_units_is_below_the_header(tmp_path):
+    """Whatever the decimal mark, with formats of times and dashes; and rows keep their places."""
+    content = "Zeit;Kraft;Rate;n;Thing\nhh:mm:ss;[mN];m/s²;-;\n10:00:00;0,5;1;3;rod\n10:00:01;0,7;2;4;rod\n"
+    contents = opened(tmp_path, content, decimal=",")
+
+    assert [each.unit for each in contents.variables.values()] == ["", "mN", "m/s²", "", ""]
+    assert contents.read(["Zeit"], ["Kraft", "Rate"])[1].tolist() == [[0.5, 1], [0.7, 2]]
+    assert contents.place(0) == "line 3"
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "t,f\ns,N\nms,mN\n1,2\n",  # rows of texts
+        "thing,f\nrod,N\nrod,5\nrod,7\n",  # the first value of f is N
+        "t,f\n0,N\n1,5\n2,7\n",
+        "t,f\ns,hot\n1,5\n2,7\n",
+        "id\nF\n1\n2\n",
+    ],
+)
+def test_other_texts_in_the_first_row_are_no_units(tmp_path, content):
+    contents = opened(tmp_path, content)
+    names = list(contents.variables)
+
+    assert contents.read(names)[0][names[-1]].tolist() == [row.split(",")[-1] for row in content.split()[1:]]
+
+
+def test_a_first_row_of_texts_is_refused_with_the_way_to_leave_it_out(tmp_path):
+    content = "t,f\nsecs,newtons\n0.1,5\n"
+    message = refused(tmp_path, content, columns=["t", "f"])
+    assert "column t: 'secs' is not a number; if this line is no row of data, --skip-rows 2 --no-header" in message
+    assert opened(tmp_path, content, skip_rows=2, header=False).read([], "01")[1].tolist() == [[0.1, 5]]
+
+
+@pytest.mark.parametrize("sign", ["\u00a0", "\u2009", "\u202f", "'", "\u2019"])
+@pytest.mark.parametrize("decimal", ",.")
+def test_thousands_may_be_apart_by_signs_that_are_no_decimal_marks(tmp_path, sign, decimal):
+    """In numbers, read as numbers and as texts; not in other texts, nor in numbers that are not written so."""
+    content = f"a;b;c\n-1{sign}030{decimal}5;{sign.join(('12', '345', '678'))};Tim{sign}s\n2{decimal}5;3;1{sign}000 V\n"
+    contents = opened(tmp_path, content, decimal=decimal)
+    texts, read = contents.read(["c"], ["a", "b"])
+
+    assert read.tolist() == [[-1030.5, 12345678], [2.5, 3]]
+    assert contents.read(["a"])[0]["a"].tolist() == ["-1030.5", "2.5"]
+    assert texts["c"].tolist() == [f"Tim{sign}s", f"1{sign}000 V"]
+    for wrong in (f"1{sign}00", f"1000{sign}000", f"1{sign}000{sign}5"):
+        assert "is not a number" in refused(tmp_path, f"a;b\n{wrong};2\n", columns=["a"], decimal=decimal)
