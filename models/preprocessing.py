@@ -21,6 +21,9 @@ _NEWER = (
     "taxels",
 )  # fields that files lack unless they are given, so that those of before stay as they are
 
+_CLOSE = 0.02
+"""Rates that differ by less in proportion may be of one sensor."""
+
 
 @dataclass(frozen=True)
 class Preprocessing:
@@ -141,6 +144,12 @@ class Preprocessing:
             for field in fields(self)
             if getattr(self, field.name) != getattr(other, field.name)
         ]
+
+    def advice(self, other: Self) -> str:
+        """What to do where `other` differs by a rate of nearly the same value, else nothing; begins with a blank."""
+        rates = [(self.rate_hz, other.rate_hz), (self.sensor_hz, other.sensor_hz)]
+        close = [one for one, two in rates if one and two and one != two and abs(one / two - 1) < _CLOSE]
+        return f" If both are of one sensor, convert with its rate, such as --rate {close[-1]:.3g}." if close else ""
 
     def to_dict(self) -> dict[str, Any]:
         """Fields by name; `sensor_hz` and `taxels` only if they are not `None`, so earlier records keep their text."""

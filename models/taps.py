@@ -483,7 +483,10 @@ def check_compatible(train: TapSet, test: TapSet, train_name: str = "TRAIN", tes
         raise InputError(f"{train_name} has positions in {train.where_unit!r}, {test_name} in {test.where_unit!r}.")
     differences = train.preprocessing.differences(test.preprocessing)
     if differences:
-        raise InputError(f"{train_name} and {test_name} differ in preprocessing: {'; '.join(differences)}.")
+        raise InputError(
+            f"{train_name} and {test_name} differ in preprocessing: {'; '.join(differences)}."
+            f"{train.preprocessing.advice(test.preprocessing)}"
+        )
 
 
 def check_alike(taps: Sequence[TapSet], names: Sequence[str]) -> None:

@@ -26,6 +26,8 @@ _DATES = tuple(
 def median_step(time: ArrayLike, broken: ArrayLike | None = None) -> float:
     """Median time from frame to frame in seconds; infinite for fewer than two frames.
 
+    Where most frames have the time of the one before, as the clock is coarse, steps of 0 do not count.
+
     Args:
         time: Time of each frame in seconds, shape (S,).
         broken: Whether a frame does not follow the one before it, shape (S,); steps to it do not count.
@@ -33,7 +35,8 @@ def median_step(time: ArrayLike, broken: ArrayLike | None = None) -> float:
     steps = np.diff(np.asarray(time, dtype=np.float64))
     if broken is not None:
         steps = steps[~np.asarray(broken, dtype=bool)[1:]]
-    return float(np.median(steps)) if len(steps) else np.inf
+    middle = float(np.median(steps)) if len(steps) else np.inf
+    return middle if middle or not (steps > 0).any() else float(np.median(steps[steps > 0]))
 
 
 def breaks(time: ArrayLike, broken: ArrayLike) -> NDArray[np.bool_]:

@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..cutting.sampling_rate import common_rate, pace
 from ..errors import InputError
 from ..settings import Missing
 from .layouts.formats.contents import Contents, TextTable
@@ -232,7 +233,7 @@ def _labels(columns: dict[str, NDArray[Any]], places: _Places) -> Labels:
 
 
 def _rate(columns: dict[str, NDArray[Any]], starts: NDArray[np.intp], places: _Places) -> float | None:
-    """Samples per second from the median step of `time_s`, rounded to six digits."""
+    """Samples per second by `time_s`, see `cutting.sampling_rate`."""
     if "time_s" not in columns or len(columns["time_s"]) < 2:
         return None
     steps = np.diff(columns["time_s"])
@@ -241,4 +242,6 @@ def _rate(columns: dict[str, NDArray[Any]], starts: NDArray[np.intp], places: _P
     bad = np.flatnonzero(inside & (steps <= 0))
     if len(bad):
         raise InputError(f"{places[bad[0] + 1]}: time_s does not increase.")
-    return float(f"{1 / np.median(steps[inside]):.6g}") if inside.any() else None
+    begins = np.append(True, ~inside)
+    found = pace(columns["time_s"], begins)
+    return None if found is None else common_rate([found])[0]

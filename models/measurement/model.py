@@ -361,7 +361,10 @@ class TapModel(ABC):
         """
         differences = self.preprocessing.differences(preprocessing, "in the model", "in the taps")
         if differences:
-            raise InputError(f"The taps and the model differ in preprocessing: {'; '.join(differences)}.")
+            raise InputError(
+                f"The taps and the model differ in preprocessing: {'; '.join(differences)}."
+                f"{self.preprocessing.advice(preprocessing)}"
+            )
 
     def check_tapset(self, taps: "TapSet") -> None:
         """Checks that taps were preprocessed as the training taps and have as many taxels.

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...cutting.ragged import EvenTaps, even_taps
+from ...cutting.sampling_rate import common_rate
 from ...errors import InputError
 from ...settings import Missing
 from ..recording import Recording, changed, concatenated, naming
@@ -137,14 +138,15 @@ def _taxels(piece: Piece) -> int:
 
 def _common_rate(found: Sequence[Piece]) -> float | None:
     """Rate of all pieces."""
-    rates = [piece.rate_hz for piece in found if piece.rate_hz is not None]
-    if not rates:
+    timed = [(piece.file.path, piece.pace) for piece in found if piece.pace is not None]
+    if not timed:
         return None
-    rate = float(f"{np.median(rates):.6g}")
-    for piece in found:
-        if piece.rate_hz is not None and abs(piece.rate_hz / rate - 1) > _SAME_RATE:
+    rate, chance = common_rate([pace for _, pace in timed])
+    usual = float(np.median([1 / pace.period_s for _, pace in timed]))
+    for (path, pace), by_chance in zip(timed, chance, strict=True):
+        if abs(1 / pace.period_s / usual - 1) > max(_SAME_RATE, by_chance):
             raise InputError(
-                f"{piece.file.path}: {piece.rate_hz:g} samples per second, others {rate:g}; resample, or say the rate "
+                f"{path}: {1 / pace.period_s:.4g} samples per second, others {usual:.4g}; resample, or say the rate "
                 "with --rate."
             )
     return rate

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...cutting.sampling_rate import Pace
 from ...errors import InputError
 from ...settings import Missing
 from ..recording import as_samples, naming
@@ -22,7 +23,7 @@ from .patterns import compiled_pattern, filled, is_pattern, natural
 from .reading import FileRead, label_of, of_arrays, of_columns, sources_of, tables_of
 from .rows import among_kept, check_labels, check_numbers, condition, kept, tap_columns, tap_starts
 from .signal import Signal, split_frames
-from .times import rate_of, times_of
+from .times import pace_of, times_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +34,7 @@ class Piece:
         file: Where they come from; its fields include those of the array's name.
         signal: The samples.
         labels: Values of each tap or row, or the same for all.
-        rate_hz: From its times, `None` without.
+        pace: Of its samples by their times, `None` without.
         unit: Of its samples, as the file states it.
         tables: Names and positions that are in the file, by key of the map.
         time_s: Times of its rows or taps, if known.
@@ -49,7 +50,7 @@ class Piece:
     file: SourceFile
     signal: Signal
     labels: Mapping[str, Label]
-    rate_hz: float | None = None
+    pace: Pace | None = None
     unit: str = ""
     tables: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     time_s: NDArray[np.float64] | None = None
@@ -161,7 +162,7 @@ def _piece(read: FileRead, tables: LabelTables, missing: Missing) -> Piece:
         starts = None if starts is None else among_kept(starts, rows.which, whole)
     rows = replace(rows, signal=_checked(read, rows, missing))
     _check_rows(read, rows, starts)
-    rate = None if rows.time_s is None else rate_of(rows.time_s, rows.signal, starts)
+    found = None if rows.time_s is None else pace_of(rows.time_s, rows.signal, starts)
     if starts is not None:
         rows = rows.select(starts, Signal(split_frames(np.asanyarray(rows.signal.samples), starts)))
     listed = {key: np.asarray(read.of(name)) for key, name in tables_of(how).items()}
@@ -170,7 +171,7 @@ def _piece(read: FileRead, tables: LabelTables, missing: Missing) -> Piece:
         file,
         rows.signal,
         rows.labels,
-        rate,
+        found,
         read.unit,
         listed,
         rows.time_s,

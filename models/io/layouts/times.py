@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...cutting.sampling_rate import Pace, pace
 from ...errors import InputError
 from .formats.contents import unit_at_end
 from .formats.text_header import MISSING
@@ -101,23 +102,25 @@ def _time(text: str) -> np.datetime64:
     return time - east if found["zone"] == "+" else time + east
 
 
-def rate_of(time_s: NDArray[np.float64], signal: Signal, starts: NDArray[np.intp] | None) -> float | None:
-    """Samples per second from the median step, to six digits; `None` where times are those of taps.
+def pace_of(time_s: NDArray[np.float64], signal: Signal, starts: NDArray[np.intp] | None) -> Pace | None:
+    """Pace of samples; `None` where times are those of taps, or of one sample each.
+
+    Args:
+        time_s: Times of rows or taps, or of the samples of each tap, in seconds.
+        signal: The samples.
+        starts: First row of each tap among rows.
 
     Raises:
         InputError: Times do not increase.
     """
     if signal.cut and time_s.shape[-1:] != (np.asarray(signal.samples[0]).shape[0],):
         return None
-    steps = np.diff(time_s)
+    begins = np.zeros(time_s.shape, dtype=bool)
+    begins[..., :1] = True
     if starts is not None:
-        inside = np.ones(len(steps), dtype=bool)
-        inside[starts[1:] - 1] = False
-        steps = steps[inside]
-    steps = steps[~np.isnan(steps)]
-    if not steps.size:
-        return None
-    step = float(np.median(steps))
-    if not step > 0:
+        begins[starts] = True
+    begins, time_s = begins.reshape(-1), time_s.reshape(-1)
+    found = pace(time_s, begins)
+    if found is None and (~np.isnan(np.diff(time_s)) & ~begins[1:]).any():
         raise InputError("time (--time) does not increase.")
-    return float(f"{1 / step:.6g}")
+    return found

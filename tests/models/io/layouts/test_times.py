@@ -3,7 +3,10 @@
 import numpy as np
 import pytest
 from solidtouch.models.errors import InputError
+from solidtouch.models.io.layouts.mapping import TapMap
+from solidtouch.models.io.layouts.tap_set import load_mapped
 from solidtouch.models.io.layouts.times import in_seconds
+from solidtouch.models.taps import check_alike
 
 AT = 1795687200.25  # 2026-11-26 10:00:00.25 in Greenwich
 
@@ -45,3 +48,42 @@ def test_numbers_have_a_unit():
     assert in_seconds("time", "t", np.array([1500]), "ms").tolist() == [1.5]
     with pytest.raises(InputError, match="t is in 'min'; say its unit with --time-unit"):
         in_seconds("time", "t", np.array([1500]), "min")
+
+
+def timed(path, times, columns="t,f,g"):
+    """A CSV file of two taxels with a row at each time, in taps of ten."""
+    rows = (f"{time},{row},0,{row // 10}" for row, time in enumerate(times))
+    path.write_text("\n".join([f"{columns},n", *rows]))
+    return path
+
+
+TAPS = TapMap(taxels=("f", "g"), time="t", tap="n")
+
+
+def test_sessions_of_one_sensor_go_together(tmp_path, rng):
+    """Times jitter by 0.2 ms; files of one tap with times in milliseconds differ more, and are of one rate."""
+    parts = []
+    for day in range(3):
+        times = 1.7e9 + np.arange(200) / 200 + rng.uniform(-2e-4, 2e-4, 200)
+        parts.append(load_mapped(timed(tmp_path / f"{day}.csv", map("{:.6f}".format, times)), TAPS).taps)
+    check_alike(parts, ["0.nc", "1.nc", "2.nc"])
+    short = [timed(tmp_path / f"s{n}.csv", [f"{n / 7 + i / 60:.3f}" for i in range(5)]) for n in range(10)]
+
+    assert {part.preprocessing.rate_hz for part in parts} == {200.0}
+    assert load_mapped(short, TAPS.changed(tap="file")).taps.preprocessing.rate_hz == 60.0
+
+
+def test_rates_that_differ_are_told_with_the_way_out(tmp_path):
+    one, other = (
+        load_mapped(timed(tmp_path / f"{rate}.csv", np.arange(100) / rate), TAPS).taps for rate in (98.37, 98.43)
+    )
+
+    with pytest.raises(InputError, match=r"rate_hz is 98\.37 here and 98\.43 there\. If both .* --rate 98\.4\."):
+        check_alike([one, other], ["one.nc", "other.nc"])
+    with pytest.raises(InputError, match=r"98\.43 samples per second, others 95\.2.*--rate"):
+        load_mapped([tmp_path / "98.43.csv", timed(tmp_path / "92.csv", np.arange(100) / 92)], TAPS)
+
+
+def test_times_that_do_not_increase_are_refused(tmp_path):
+    with pytest.raises(InputError, match=r"time \(--time\) does not increase"):
+        load_mapped(timed(tmp_path / "a.csv", [0.5] * 20), TAPS)
