@@ -271,3 +271,13 @@ def test_a_log_with_an_arrow_after_the_time_is_converted(tmp_path):
 
         assert taps.taps.tolist() == [[[n, -n] for n in range(6)]]
         assert taps.preprocessing.rate_hz == 40
+
+
+def test_one_slice_of_taxels_and_one_pattern_of_columns_need_no_list(tmp_path):
+    np.save(tmp_path / "a.npy", np.arange(12.0).reshape(1, 3, 4))
+    run("convert", tmp_path / "a.npy", tmp_path / "a.nc", "--axes", "tap,sample,taxel", "--taxels", "1:3")
+    (tmp_path / "b.csv").write_text("v0,v1\n1,2\n3,4\n")
+    run("convert", tmp_path / "b.csv", tmp_path / "b.nc", "--taxels", "v{sample}")
+
+    assert TapSet.load(tmp_path / "a.nc").taps.tolist() == [[[1, 2], [5, 6], [9, 10]]]
+    assert TapSet.load(tmp_path / "b.nc").taps.tolist() == [[[1], [2]], [[3], [4]]]

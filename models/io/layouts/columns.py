@@ -2,12 +2,17 @@
 
 from collections.abc import Collection
 from fnmatch import fnmatchcase
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ...errors import InputError
 from ..recording import naming
 from .formats.contents import Contents
 from .mapping import TapMap, option
-from .patterns import compiled_pattern, fields_of, is_pattern, natural
+from .patterns import compiled_pattern, fields_of, is_pattern, natural, number_in
+from .signal import Signal
 
 _MOST_SHOWN = 12
 type FirstColumns = dict[str, str]
@@ -34,7 +39,7 @@ def taxel_columns(how: TapMap, contents: Contents, others: Collection[str]) -> l
         if part is not None and text not in names:
             matched = list(contents.columns[part])
         elif is_pattern(text) and text not in names:
-            pattern = _literal_brackets(text)
+            pattern = _literal_brackets(text.replace("{taxel}", "*"))
             matched = [name for name in names if fnmatchcase(name, pattern) and name not in others]
         else:
             parts = [part.strip() for part in text.split(",")]
@@ -48,28 +53,67 @@ def taxel_columns(how: TapMap, contents: Contents, others: Collection[str]) -> l
     return found
 
 
-def sample_columns(how: TapMap, contents: Contents) -> tuple[list[str], int] | None:
-    """Columns of each sample of each taxel, such as `s{sample}_t{taxel}`, and the number of taxels; `None` for others.
+class ColumnGrid(NamedTuple):
+    """Columns that are no taxels but samples or taps, or one of those of each taxel.
 
-    Columns are in the natural order of samples, and of taxels within each.
+    Attributes:
+        names: Of the columns: of each sample or tap those of all taxels.
+        along: `"sample"` where rows are taps and columns samples, else `"tap"`.
+        texts: What the names have for each sample or tap, in natural order.
+        taxels: Likewise of each taxel.
+        trial: Whether the names number the taps.
+    """
+
+    names: list[str]
+    along: str
+    texts: list[str]
+    taxels: list[str]
+    trial: bool
+
+    def taps(self, frames: NDArray[np.float64]) -> Signal:
+        """Taps of the columns, shape (rows, columns)."""
+        K = len(self.taxels)
+        if self.along == "sample":
+            return Signal(frames.reshape(len(frames), -1, K))
+        numbers = [number_in(text) for text in self.texts] if self.trial else []
+        index = {"trial": np.array([int(found[0]) for found in numbers if found], np.intp)} if self.trial else {}
+        return Signal(frames.reshape(len(frames), -1, K).swapaxes(0, 1), index)
+
+
+def column_grid(how: TapMap, contents: Contents, others: Collection[str]) -> ColumnGrid | None:
+    """Columns by a pattern such as `s{sample}_t{taxel}`, `v{sample}` or `trial {trial}`; `None` without such fields.
 
     Raises:
-        InputError: No column matches, or one that is due is not there.
+        InputError: Fields do not go together, no column but the others matches, or one that is due is not there.
     """
-    text = how.taxels
-    if not isinstance(text, str) or not {"sample", "taxel"} <= set(fields_of(text)):
+    text, key = _alone(how), option("taxels")
+    fields = set() if text in contents.variables else set(fields_of(text))
+    if not fields - {"taxel"}:
         return None
-    pattern = compiled_pattern(text, option("taxels"), ("sample", "taxel"))
-    matches = [(name, match) for name in contents.variables if (match := pattern.fullmatch(name))]
-    named = {(match["sample"], match["taxel"]): name for name, match in matches}
+    pattern = compiled_pattern(text, key, ("sample", "taxel", "tap", "trial"))
+    if len(whose := fields - {"taxel"}) > 1:
+        raise InputError(f"{key} {text!r} has {' and '.join(map('{{{}}}'.format, sorted(whose)))}; columns are either.")
+    name = whose.pop()
+    matches = [(each, match.groupdict()) for each in contents.variables if (match := pattern.fullmatch(each))]
+    named = {(match[name], match.get("taxel", "")): each for each, match in matches if each not in others}
+    named = {of: each for of, each in named.items() if name == "tap" or any(map(str.isdecimal, of[0]))}
     if not named:
-        raise InputError(f"no column matches taxels (--taxels) {text!r}; columns: {_listed(list(contents.variables))}.")
-    samples, taxels = (sorted({key[i] for key in named}, key=natural) for i in (0, 1))
-    due = [(sample, taxel) for sample in samples for taxel in taxels]
-    if missing := [key for key in due if key not in named]:
-        sample, taxel = missing[0]
-        raise InputError(f"taxels (--taxels) {text!r}: no column has sample {sample} of taxel {taxel}.")
-    return [named[key] for key in due], len(taxels)
+        raise InputError(f"no column matches {key} {text!r}; columns: {_listed(list(contents.variables))}.")
+    texts, taxels = (_in_order({of[i] for of in named}) for i in (0, 1))
+    due = [(each, taxel) for each in texts for taxel in taxels]
+    if missing := [of for of in due if of not in named]:
+        each, taxel = missing[0]
+        raise InputError(f"{key} {text!r}: no column has {name} {each} of taxel {taxel}.")
+    names = [named[of] for of in due]
+    return ColumnGrid(names, "sample" if name == "sample" else "tap", texts, taxels, name == "trial" and not how.trial)
+
+
+def _in_order(texts: Collection[str]) -> list[str]:
+    """Texts by their numbers if all are such, else in natural order."""
+    try:
+        return sorted(texts, key=lambda text: (float(text), natural(text)))
+    except ValueError:
+        return sorted(texts, key=natural)
 
 
 def _listed(names: list[str]) -> str:
@@ -108,13 +152,19 @@ def _chosen(how: TapMap) -> tuple[str, ...]:
     return (how.taxels,) if isinstance(how.taxels, str) else how.taxels or ()
 
 
+def _alone(how: TapMap) -> str:
+    """The one pattern or slice of the columns, empty if there are several or none."""
+    chosen = _chosen(how)
+    return chosen[0] if len(chosen) == 1 else ""
+
+
 def taxel_slice(how: TapMap) -> slice:
     """Which taxels of an array are used.
 
     Raises:
         InputError: The map says it in another way.
     """
-    chosen = _as_slice(how.taxels) if isinstance(how.taxels, str) else None
+    chosen = _as_slice(_alone(how))
     if chosen is None:
         raise InputError(f"taxels (--taxels) of an array must be a slice such as 0:12, got {how.taxels!r}.")
     return chosen

@@ -230,7 +230,10 @@ def _check_rows(read: FileRead, rows: _Rows, starts: NDArray[np.intp] | None) ->
     how = read.how
     if rows.signal.cut:
         if how.tap is not None and not (how.tap == "row" and read.contents.table):
-            raise InputError(f"tap (--tap) {how.tap!r} divides rows into taps, but {how.taps} has an axis of taps.")
+            cut = how.taps or how.taxels
+            raise InputError(
+                f"tap (--tap) {how.tap!r} divides rows into taps, but {cut} has an axis of taps; leave it out."
+            )
         return
 
     def place(row: int) -> str:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ..recording import naming
-from .columns import FirstColumns, agreeing, sample_columns, taxel_columns, taxel_slice
+from .columns import FirstColumns, agreeing, column_grid, taxel_columns, taxel_slice
 from .files import SourceFile
 from .formats.contents import Contents, Values
 from .label_tables import LabelTables
@@ -108,6 +108,7 @@ class FileRead:
         names: Their columns or arrays.
         values: The variables beside them.
         at: Rows of each taxel, shape (K, rows), of a long table.
+        table_axes: Axes of the rows of a table, and of its columns; of the latter those of taxels change first.
     """
 
     file: SourceFile
@@ -117,6 +118,7 @@ class FileRead:
     names: Sequence[str]
     values: Mapping[str, Values]
     at: NDArray[np.intp] | None = None
+    table_axes: tuple[str, ...] = ()
 
     def of(self, name: str) -> Values:
         """The variable that a key of the map names."""
@@ -134,15 +136,18 @@ class FileRead:
 
     def place_of_sample(self, which: NDArray[np.intp]) -> Callable[[tuple[int, ...]], str]:
         """Where a sample stands, by its index among those rows or taps of the file."""
-        axes = self.how.axis_names or ("sample",)
 
         def place(index: tuple[int, ...]) -> str:
             row, *inside = int(which[index[0]]), *index[1:]
             if self.at is not None:
                 return f"{self.contents.place(int(self.at[inside[0], row]))}, column {self.names[0]}"
-            if self.contents.table and self.how.taps is None and axes[0] in ("sample", "tap"):
-                before = inside[0] * self.signal.samples[0].shape[-1] if len(inside) > 1 else 0
-                return f"{self.place(row)}, column {self.names[before + inside[-1]]}"
+            if self.table_axes:
+                roles = ("tap", "sample", "taxel") if len(index) > 2 else ("sample", "taxel")
+                number = dict[str, int](zip(roles, (row, *inside), strict=True))
+                along = [number[axis if axis in roles else "tap"] for axis in self.table_axes]
+                taxels = self.signal.samples[0].shape[-1] if "taxel" in self.table_axes[2:] else 1
+                column = along[1] * taxels + sum(along[2:])
+                return f"{self.place(along[0])}, column {self.names[column]}"
             called = ("tap", "sample", "taxel") if len(index) > 2 else ("frame", "taxel")
             whose = f" of {self.names[0]}" if len(self.names) == 1 else ""
             return ", ".join(f"{name} {n}" for name, n in zip(called, (row, *inside), strict=True)) + whose
@@ -158,9 +163,11 @@ def of_columns(file: SourceFile, contents: Contents, how: TapMap, tables: LabelT
     own = [of for key, of in sources.items() if not key.startswith(EXTRA)]
     also = (*tap_columns(how), *filter(None, (how.time, how.taxel)))
     also = [contents.named(filled(name, file.fields)) for name in also]
-    wide = sample_columns(how, contents)
-    chosen = wide[0] if wide else taxel_columns(how, contents, {*needed(own, file, contents, tables), *also})
-    columns = chosen if how.taxel is not None else agreeing(chosen, contents, how, first)
+    others = {*needed(own, file, contents, tables), *also}
+    grid = column_grid(how, contents, others)
+    columns = taxel_columns(how, contents, others) if grid is None else grid.names
+    if how.taxel is None and (grid is None or grid.along == "sample"):
+        columns = agreeing(columns, contents, how, first)
     numbers = [name for name in further if name not in labels and contents.variables[name].dtype == np.float64]
     beside = [*columns, *(name for name in numbers if contents.variables[name].shape[1:] == ())]
     values, frames = contents.read([name for name in further if name not in beside[len(columns) :]], beside)
@@ -170,11 +177,12 @@ def of_columns(file: SourceFile, contents: Contents, how: TapMap, tables: LabelT
     axes, frames = how.axis_names, frames[:, : len(columns)]
     if axes is not None and len(axes) != 2:
         raise InputError(f"axes (--axes) {how.axes!r}: rows and columns are two axes.")
-    if wide is not None:
-        taps = Signal(frames.reshape(len(frames), -1, wide[1]))
-        return FileRead(file, contents, how, taps, columns, values)
+    if grid is not None:
+        axes = ("tap", "sample", "taxel") if grid.along == "sample" else ("sample", "tap", "taxel")
+        return FileRead(file, contents, how, grid.taps(frames), columns, values, table_axes=axes)
     if how.taxel is None:
-        return FileRead(file, contents, how, arranged(frames, axes, "the table", frames=True), columns, values)
+        taps = arranged(frames, axes, "the table", frames=True)
+        return FileRead(file, contents, how, taps, columns, values, table_axes=axes or ("sample", "taxel"))
     return _of_long_table(FileRead(file, contents, how, Signal(frames), columns, values), first)
 
 

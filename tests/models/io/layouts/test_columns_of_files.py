@@ -143,3 +143,54 @@ def test_columns_of_samples_and_taxels(tap, tmp_path):
 def test_columns_of_samples_and_taxels_that_are_not_whole(table, taxels, message, tmp_path):
     with pytest.raises(InputError, match=message):
         loaded(tmp_path, table, taxels=taxels, tap="row")
+
+
+@pytest.mark.parametrize(
+    ("table", "keys", "taps"),
+    [
+        ("thing,v10,v9\na,2,1\nb,4,3\n", {"taxels": "v{sample}", "what": "thing"}, [[[1], [2]], [[3], [4]]]),
+        ("thing,0.05,0.1\na,1,2\n", {"taxels": "{sample}"}, [[[1], [2]]]),
+        ("7,1,2\n8,3,4\n", {"taxels": "{sample}", "what": "0", "header": False}, [[[1], [2]], [[3], [4]]]),
+        ("t,no 2,no 1\n0,5,1\n1,6,2\n", {"taxels": "no {trial}", "time": "t"}, [[[1], [2]], [[5], [6]]]),
+        ("a,b,t\n1,5,0\n2,6,1\n", {"taxels": "{tap}", "time": "t"}, [[[1], [2]], [[5], [6]]]),
+        ("1_b,1_a,2_a,2_b\n2,1,5,6\n4,3,7,8\n", {"taxels": "{tap}_{taxel}"}, [[[1, 2], [3, 4]], [[5, 6], [7, 8]]]),
+        ("s2,s1,x\n2,1,0\n4,3,0\n", {"taxels": "s{taxel}", "tap": "file"}, [[[2, 1], [4, 3]]]),
+    ],
+)
+def test_columns_of_samples_or_taps_alone(table, keys, taps, tmp_path):
+    assert loaded(tmp_path, table, **({"tap": None} | keys)).taps.tolist() == taps
+
+
+def test_columns_number_the_taps_of_each_file(tmp_path):
+    """Which may be more in one file than in another; a key for the number outweighs the name."""
+    (tmp_path / "rod.csv").write_text("t,trial 1,trial 3\n0,1,2\n0.5,3,4\n")
+    (tmp_path / "cup.csv").write_text("t,trial 2\n0,5\n0.5,6\n")
+    how = TapMap(taxels="trial {trial}", time="t", files="{what}.csv")
+    taps = load_mapped(tmp_path, how).taps
+
+    assert [taps.what_name[m] for m in taps.what] == ["cup", "rod", "rod"]
+    assert taps.trial.tolist() == [2, 1, 3]
+    assert taps.preprocessing.rate_hz == 2
+    assert load_mapped(tmp_path, how.changed(trial="=4")).taps.trial.tolist() == [4, 4, 4]
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [{"taxels": "no {trial}"}, {"taxels": ["no 1", "no 2"], "axes": "sample,tap"}, {"taxels": "no *", "tap": "file"}],
+)
+def test_missing_samples_have_their_place_whatever_the_columns_are(keys, tmp_path):
+    with pytest.raises(InputError, match="line 4, column no 2 is nan"):
+        loaded(tmp_path, "no 1,no 2\n1,2\n3,4\n5,\n", **({"tap": None} | keys))
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"taxels": "{sample}_{tap}"}, "has {sample} and {tap}; columns are either"),
+        ({"taxels": "no{tap}", "tap": "file"}, "has an axis of taps; leave it out"),
+        ({"taxels": "no{tap}_{taxel}"}, "no column has tap 2 of taxel a"),
+    ],
+)
+def test_columns_of_samples_or_taps_that_do_not_fit(keys, message, tmp_path):
+    with pytest.raises(InputError, match=message):
+        loaded(tmp_path, "no1_a,no1_b,no2_b\n1,2,3\n", **({"tap": None} | keys))
