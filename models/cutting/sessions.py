@@ -11,7 +11,7 @@ from ..errors import InputError, check_numbers
 GAP_STEPS = 5.0
 """Median steps of the clock above which a step is a gap that ends a stream."""
 _DAY_S = 86400
-_SINCE_1970 = 5e8, 4e9
+SINCE_1970 = 5e8, 4e9
 """Seconds since 1970 between which a number counts as a time: no date written as a number is between them."""
 _DATES = tuple(
     re.compile(rf"(?<!\d){pattern}")
@@ -94,7 +94,7 @@ def number_by_date(values: ArrayLike) -> NDArray[np.int64]:
         return np.unique(values.astype("datetime64[D]"), return_inverse=True)[1].astype(np.int64)
     if values.dtype.kind in "iuf":
         for unit in (1.0, 1e3, 1e6, 1e9):
-            if ((_SINCE_1970[0] * unit <= values) & (values <= _SINCE_1970[1] * unit)).all():
+            if ((SINCE_1970[0] * unit <= values) & (values <= SINCE_1970[1] * unit)).all():
                 return np.unique(values // (_DAY_S * unit), return_inverse=True)[1].astype(np.int64)
     texts, which = np.unique(values.astype(np.str_), return_inverse=True)
     days = np.array([_date(str(text)).toordinal() for text in texts], dtype=np.int64)

@@ -20,6 +20,7 @@ from .labels import label_source
 from .mapping import TapMap, option
 from .pieces import Piece, pieces
 from .stream_labels import StreamLabels
+from .times import told_of_times
 
 _SAME_RATE = 0.02
 """Rates of two files that differ by less in proportion are one: clocks of computers jitter."""
@@ -78,7 +79,7 @@ def read_mapped(
     even, rate = _joined(found, how), how.rate or _common_rate(found)
     whose = tuple(piece.file for piece in found)
     damaged = dict.fromkeys(f"{piece.file.path}: {piece.damage}" for piece in found if piece.damage)
-    told = (*unmatched(paths, files, how), *damaged, *tables.told.values())
+    told = (*unmatched(paths, files, how), *damaged, *tables.told.values(), *_told_of_times(found, how, rate))
     if even is not None:
         labels = joined_labels(found, how, tables)
         kept = Recording(even.samples, labels.take(even.kept), rate)
@@ -134,6 +135,14 @@ def _kind(piece: Piece) -> str:
 
 def _taxels(piece: Piece) -> int:
     return int(np.asarray(piece.signal.samples[0]).shape[-1]) if piece.rows else 0
+
+
+def _told_of_times(found: Sequence[Piece], how: TapMap, rate: float | None) -> list[str]:
+    """What to check of times whose unit the map does not say, one sentence each."""
+    timed = next((piece for piece in found if piece.time_s is not None), None)
+    if timed is None or timed.time_s is None or how.time_unit is not None:
+        return []
+    return told_of_times(timed.time_s, timed.time_unit, rate if how.rate is None else None)
 
 
 def _common_rate(found: Sequence[Piece]) -> float | None:

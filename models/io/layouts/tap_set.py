@@ -26,7 +26,7 @@ from .label_tables import rows_by_file, rows_of
 from .label_values import as_known
 from .labels import label_source
 from .mapping import TapMap, check_cutting, load_map, option
-from .times import in_seconds, time_unit
+from .times import in_seconds, time_unit, unit_since_1970
 
 
 class MappedTaps(NamedTuple):
@@ -163,8 +163,8 @@ def _presses(mapped: Mapped, how: TapMap) -> Presses | None:
         if source.kind != "table" or recording.file is None or mapped.labels is None:
             raise InputError(f"must be TABLE.csv:COLUMN, a table of times for streams, got {how.events!r}.")
         column = mapped.tables.column(source, mapped.files[0])
-        unit = time_unit(column.name, column.unit) or mapped.labels.pieces[0].time_unit
         at = as_known(column.values)
+        unit = time_unit(column.name, column.unit) or unit_since_1970(at) or mapped.labels.pieces[0].time_unit
         at = in_seconds("events", column.name, at, unit if recording.time is not None and unit else "s")
         of = _files_of_events(column.texts_beside, mapped.files, len(at))
         return presses_of_events(at, recording.file, time=recording.time, of=of)

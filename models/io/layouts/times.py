@@ -8,16 +8,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...cutting.sampling_rate import Pace, pace
+from ...cutting.sessions import SINCE_1970, median_step
 from ...errors import InputError
 from .formats.contents import unit_at_end
 from .formats.text_header import MISSING
+from .label_values import as_known
 from .mapping import option
 from .patterns import filled
 from .reading import FileRead
 from .signal import Signal
 
-_UNITS = {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "µs": 1e-6, "usec": 1e-6}
-_UNITS |= {"ns": 1e-9, "nsec": 1e-9}
+UNITS = {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "msec": 1e-3, "us": 1e-6, "µs": 1e-6, "usec": 1e-6}
+UNITS |= {"ns": 1e-9, "nsec": 1e-9}
+_LONGER = {"second": 1.0, "min": 60.0, "minute": 60.0, "minutes": 60.0, "h": 3600.0, "hr": 3600.0, "hours": 3600.0}
+"""Units in texts alone, as names such as `t_min` may end in another word."""
+_WITH_UNIT = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*([^\W\d]+)")
+_USUAL_HZ = 1.0, 1e6
+"""Rates of tactile sensors; another one more often means times of another unit."""
 _DATE = r"(?P<d>\d{1,2})\.(?P<m>\d{1,2})\.(?P<y>\d{4})|(?P<Y>\d{4})(?P<sign>[-/])(?P<M>\d{1,2})(?P=sign)(?P<D>\d{1,2})"
 _TIME = r"(?P<h>\d{1,2}):(?P<min>\d\d)(?::(?P<s>\d\d)(?:[.,](?P<f>\d{1,9})\d*)?)?"
 _ZONE = r"(?P<zone>[+-])(?P<hours>\d\d):?(?P<minutes>\d\d)"
@@ -38,7 +45,8 @@ def times_of(read: FileRead) -> tuple[NDArray[np.float64] | None, str]:
     if isinstance(found, list):
         raise InputError(f"time (--time): {how.time} has elements of different lengths; give the rate with --rate.")
     named = read.contents.named(filled(how.time, read.file.fields))
-    unit = how.time_unit or time_unit(named, read.contents.variables[named].unit) or "s"
+    stated = how.time_unit or time_unit(named, read.contents.variables[named].unit)
+    unit = stated or unit_since_1970(as_known(found)) or "s"
     times = in_seconds("time", named, found, unit)
     rows, samples = len(read.signal.samples), {len(tap) for tap in read.signal.samples if read.signal.cut}
     if times.shape not in {(rows,), *((J,) for J in samples), *((rows, J) for J in samples)}:
@@ -48,7 +56,50 @@ def times_of(read: FileRead) -> tuple[NDArray[np.float64] | None, str]:
 
 def time_unit(name: str, stated: str) -> str:
     """Unit of a column of times, by its header or its name; empty if neither tells."""
-    return stated or unit_at_end(name, _UNITS)
+    return stated or unit_at_end(name, UNITS)
+
+
+def unit_since_1970(values: NDArray[Any]) -> str:
+    """Unit of numbers that can only be times since 1970, of the years 1986 to 2096; empty for others.
+
+    A clock that began with its computer may show the same in a finer unit, and then rises by more than a second from
+    row to row if it is taken for one since 1970 in ms or us; in ns it would be years.
+    """
+    if values.dtype.kind not in "iuf" or not (known := values[~np.isnan(values)]).size:
+        return ""
+    step = median_step(known.reshape(-1))
+    for unit in ("s", "ms", "us", "ns"):
+        least, most = (limit / UNITS[unit] for limit in SINCE_1970)
+        if least <= known.min() and known.max() <= most:
+            return unit if unit in ("s", "ns") or step * UNITS[unit] <= 1.0 else ""
+    return ""
+
+
+def told_of_times(time_s: NDArray[np.float64], unit: str, rate_hz: float | None) -> list[str]:
+    """What to check of times whose unit the map does not say, one sentence each.
+
+    Args:
+        time_s: Times in seconds.
+        unit: In which they were taken to be written.
+        rate_hz: Rate by them.
+    """
+    told = []
+    if unit != "s" and time_s.size and time_s.flat[0] > SINCE_1970[0]:
+        told.append(f"{option('time')} is read as {unit} since 1970.")
+    if rate_hz is not None and (doubt := told_of_rate(rate_hz, unit)):
+        told.append(f"{option('time')}: {doubt}.")
+    return told
+
+
+def told_of_rate(rate_hz: float, unit: str) -> str:
+    """What to check of times in a unit that give this rate, empty if nothing."""
+    least, most = _USUAL_HZ
+    if least <= rate_hz <= most:
+        return ""
+    rates = {other: rate_hz * UNITS[unit] / UNITS[other] for other in ("s", "ms", "us", "ns")}
+    usual = [f"{rate:g} Hz in {of}" for of, rate in rates.items() if least <= rate <= most]
+    instead = f", but {' or '.join(usual)}; check {option('time_unit')}" if usual else ""
+    return f"in {unit} it gives {rate_hz:g} Hz{instead}"
 
 
 def in_seconds(key: str, name: str, values: NDArray[Any], unit: str) -> NDArray[np.float64]:
@@ -66,14 +117,16 @@ def in_seconds(key: str, name: str, values: NDArray[Any], unit: str) -> NDArray[
     try:
         numbers = values.astype(np.float64)
     except ValueError:
-        return _since_1970(key, name, values)
-    if unit not in _UNITS:
+        return _of_texts(key, name, values)
+    if unit not in UNITS:
         raise InputError(f"{option(key)}: {name} is in {unit!r}; say its unit with --time-unit s, ms, us or ns.")
-    return numbers * _UNITS[unit]
+    return numbers * UNITS[unit]
 
 
-def _since_1970(key: str, name: str, values: NDArray[Any]) -> NDArray[np.float64]:
-    """Seconds since 1970 from dates with times of day, or since midnight from times of day alone."""
+def _of_texts(key: str, name: str, values: NDArray[Any]) -> NDArray[np.float64]:
+    """Seconds from numbers with units, since 1970 from dates with times of day, or since midnight from these alone."""
+    if (numbers := _with_units(values)) is not None:
+        return numbers
     try:
         with warnings.catch_warnings():  # that numpy does not keep time zones
             warnings.simplefilter("error")
@@ -82,9 +135,23 @@ def _since_1970(key: str, name: str, values: NDArray[Any]) -> NDArray[np.float64
         try:
             times = np.array([_time(text.strip()) for text in values.reshape(-1).tolist()]).reshape(values.shape)
         except ValueError as error:
-            wanted = "numbers or times such as 2026-11-26 10:00:00.25, 26.11.2026 10:00 or 10:00:00.25"
+            wanted = "numbers or times such as 0.25 s, 2026-11-26 10:00:00.25, 26.11.2026 10:00 or 10:00:00.25"
             raise InputError(f"{option(key)}: {name} holds {error}, not {wanted}.") from None
     return np.where(np.isnat(times), np.nan, times.astype(np.int64) / 1e9)
+
+
+def _with_units(values: NDArray[Any]) -> NDArray[np.float64] | None:
+    """Seconds of texts such as `0.005 sec`, where all are such texts or missing."""
+    found = np.empty(values.size)
+    known = UNITS | _LONGER
+    for n, text in enumerate(values.reshape(-1).tolist()):
+        if text.strip() in _NONE:
+            found[n] = np.nan
+        elif (match := _WITH_UNIT.fullmatch(text.strip())) and match[2] in known:
+            found[n] = float(match[1]) * known[match[2]]
+        else:
+            return None
+    return found.reshape(values.shape)
 
 
 def _time(text: str) -> np.datetime64:

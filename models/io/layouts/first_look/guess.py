@@ -8,8 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....cutting.sessions import GAP_STEPS
+from ....errors import counted
 from ..formats.contents import Contents, Variable
 from ..patterns import number_in
+from ..times import UNITS, time_unit, told_of_rate, unit_since_1970
 
 _WORDS = {
     "time": r"^(t|time|times|timestamp|stamp|time ?s|time ?ms|seconds|elapsed.*|zeit)$|timestamp|log.?time",
@@ -195,7 +197,7 @@ def _labels_by_name(columns: Mapping[str, NDArray[Any]], numbers: Set[str]) -> d
         most = {"what": few, "session": few, "where": _FEW}.get(key, len(each))
         fits = increases(each) if key == "time" else name in numbers or key in ("what", "session")
         if fits and distinct <= most:
-            reason = _steps(each) if key == "time" else f"its name, and {distinct} different values"
+            reason = _steps(name, each) if key == "time" else f"its name, and {distinct} different values"
             guesses[key] = Guess(key, name, reason)
     return guesses
 
@@ -214,12 +216,14 @@ def _listed(value: Any) -> list[Any]:
     return value if isinstance(value, list) else [value]
 
 
-def _steps(values: NDArray[Any]) -> str:
-    """How a time increases."""
+def _steps(name: str, values: NDArray[Any]) -> str:
+    """How a time increases, and what is doubtful of it."""
     steps = np.diff(as_floats(values))  # pyright: ignore - it is one of numbers
     usual = float(np.nanmedian(steps))
     gaps = int(np.count_nonzero((steps <= 0) | (steps > GAP_STEPS * usual)))
-    return f"it increases by {usual:g}" + (f", with {gaps} gap{'s' * (gaps != 1)}" if gaps else "")
+    unit = "s" if values.dtype.kind == "U" else time_unit(name, "") or unit_since_1970(values) or "s"
+    doubt = told_of_rate(1 / (usual * UNITS[unit]), unit) if usual > 0 else ""
+    return f"it increases by {usual:g}{f', with {counted(gaps, "gap")}' if gaps else ''}{f'; {doubt}' if doubt else ''}"
 
 
 def _other_axis(where: Guess | None, values: Mapping[str, NDArray[Any]]) -> str | None:

@@ -27,6 +27,10 @@ AT = 1795687200.25  # 2026-11-26 10:00:00.25 in Greenwich
         ("9:05:07.5", 32707.5),
         ("10:00:00.123456789", 36000.123456789),
         ("23:59", 86340.0),
+        ("0.005 sec", 0.005),
+        ("-2e3ms", -2.0),
+        ("1.5 min", 90.0),
+        (".5 hr", 1800.0),
         ("", np.nan),
         ("NaT", np.nan),
     ],
@@ -36,12 +40,21 @@ def test_clocks_and_dates(text, seconds):
 
 
 @pytest.mark.parametrize(
-    "text", ["11/12/2026 10:00", "26-11-2026", "10:00:00 AM", "tomorrow", "25:00:00", "10:61", "30.02.2026", "10"]
+    "text",
+    ["11/12/2026 10:00", "26-11-2026", "10:00:00 AM", "tomorrow", "25:00:00", "10:61", "30.02.2026", "10", "0.5 N"],
 )
 def test_what_is_no_time_is_refused(text):
     """Also an order of day and month that nobody knows."""
-    with pytest.raises(InputError, match=r"time \(--time\): t holds .*, not numbers or times such as 2026-11-26 10:00"):
+    with pytest.raises(
+        InputError, match=r"time \(--time\): t holds .*, not numbers or times such as 0.25 s, 2026-11-26 10:00"
+    ):
         in_seconds("time", "t", np.array(["9:00", text]), "s")
+
+
+def test_texts_with_units_may_be_missing():
+    texts = np.array([["0 sec", "NaN"], ["", "20 msec"]])
+
+    assert in_seconds("time", "t", texts, "ms") == pytest.approx(np.array([[0.0, np.nan], [np.nan, 0.02]]), nan_ok=True)
 
 
 def test_numbers_have_a_unit():
@@ -87,3 +100,50 @@ def test_rates_that_differ_are_told_with_the_way_out(tmp_path):
 def test_times_that_do_not_increase_are_refused(tmp_path):
     with pytest.raises(InputError, match=r"time \(--time\) does not increase"):
         load_mapped(timed(tmp_path / "a.csv", [0.5] * 20), TAPS)
+
+
+@pytest.mark.parametrize("unit", ["s", "ms", "us", "ns"])
+def test_numbers_since_1970_have_one_unit(tmp_path, unit):
+    """Also those of events; a unit other than the second is told."""
+    zeros = {"s": ".", "ms": "0", "us": "0000", "ns": "0000000"}[unit]
+    numbers = [f"{170_000_000_000 + n}{zeros}" for n in range(200)]
+    timed(tmp_path / "a.csv", [f"{each[:10]}.{each[10:12]}" if unit == "s" else each for each in numbers])
+    (tmp_path / "events.csv").write_text("at\n1700000000.5\n1700000001.5\n")
+    how = TAPS.changed(tap=None, trigger="events", events="events.csv:at", window=10, pre=2)
+    taps, told = load_mapped(tmp_path / "a.csv", how)
+
+    assert taps.taps[:, 2, 0].tolist() == [50.0, 150.0]
+    assert taps.preprocessing.rate_hz == 100.0
+    assert [sentence for sentence in told if "1970" in sentence] == (
+        [] if unit == "s" else [f"time (--time) is read as {unit} since 1970."]
+    )
+
+
+@pytest.mark.parametrize(
+    ("step", "begin", "told"),
+    [
+        (10, 0, "in s it gives 0.1 Hz, but 100 Hz in ms or 100000 Hz in us"),
+        (1e7, 6e14, "in s it gives 1e-07 Hz, but 100 Hz in ns"),  # nanoseconds since the computer began, a week ago
+        (1e-7, 0, "in s it gives 1e+07 Hz"),
+        (0.01, 0, None),
+    ],
+)
+def test_rates_of_no_sensor_are_told(tmp_path, step, begin, told):
+    """If neither the unit nor the rate is said."""
+    path = timed(
+        tmp_path / "a.csv", [f"{begin + step * n:.9g}" if step < 1 else int(begin + step * n) for n in range(200)]
+    )
+    found = load_mapped(path, TAPS).told
+    unit_said, rate_said = load_mapped(path, TAPS.changed(time_unit="s")), load_mapped(path, TAPS.changed(rate=100.0))
+
+    assert [each for each in found if "Hz" in each] == (
+        [f"time (--time): {told}{'; check time_unit (--time-unit)' * ('but' in told)}."] if told else []
+    )
+    assert not any("Hz" in each for each in (*unit_said.told, *rate_said.told))
+
+
+def test_durations_as_matlab_writes_them(tmp_path):
+    """By `writetimetable`."""
+    taps = load_mapped(timed(tmp_path / "a.csv", [f"{n / 200:g} sec" for n in range(50)]), TAPS).taps
+
+    assert taps.preprocessing.rate_hz == 200.0

@@ -157,6 +157,15 @@ def test_texts_of_times_are_times_and_days_sessions(tmp_path):
     assert taps.session[order].tolist() == [0] * 6 + [1] * 6
 
 
+def test_times_that_give_no_rate_of_a_sensor_are_doubtful(tmp_path):
+    """A column `Time` in milliseconds of which nothing says so."""
+    rows = [f"{10 * n},{n // 20},{n},{n % 7}" for n in range(100)]
+    (tmp_path / "r.csv").write_text("\n".join(["Time,tap,s1,s2", *rows]))
+    text, _ = looked(tmp_path, tmp_path / "r.csv")
+
+    assert "it increases by 10; in s it gives 0.1 Hz, but 100 Hz in ms or 100000 Hz in us; check time_unit" in text
+
+
 def test_texts_that_hardly_repeat_are_no_object(tmp_path):
     rows = [f"photo_{n}.png,{n % 5},{n}" for n in range(20)]
     (tmp_path / "r.csv").write_text("\n".join(["image,s1,s2", *rows]))
