@@ -125,7 +125,9 @@ MAP_OPTIONS: dict[str, Any] = {
         _CUTTING,
         "Start of a tap: every WINDOW frames, when a taxel reaches LEVEL, or at presses that a signal or events tell.",
     ),
-    "signal": _option(_Text, _CUTTING, "Column or array that rises at each press.", "COLUMN"),
+    "signal": _option(
+        _Text, _CUTTING, "Column or array that rises at each press, or a condition such as 'phase=press'.", "SIGNAL"
+    ),
     "events": _option(
         _Text, _CUTTING, "Table of the times of presses; frames if there is no time.", "TABLE.csv:COLUMN"
     ),

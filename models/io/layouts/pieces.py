@@ -21,7 +21,7 @@ from .labels import Label, LabelSource
 from .mapping import EXTRA, TapMap, option
 from .patterns import compiled_pattern, filled, is_pattern, natural
 from .reading import FileRead, label_of, of_arrays, of_columns, sources_of, tables_of
-from .rows import among_kept, check_labels, check_numbers, condition, kept, tap_columns, tap_starts
+from .rows import among_kept, check_labels, check_numbers, condition, holds, signal_at, tap_columns, tap_starts
 from .signal import Signal, split_frames
 from .times import pace_of, times_of
 
@@ -157,7 +157,7 @@ def _piece(read: FileRead, tables: LabelTables, missing: Missing) -> Piece:
     if starts is not None:
         rows = replace(rows, labels=_of_rows(rows.labels, starts, whole))
     if how.keep is not None:
-        mask = kept(how, np.asarray(read.of(condition(how)[0])), whole)
+        mask = holds(how, "keep", np.asarray(read.of(condition(how.keep)[0])), whole)
         rows = rows.select(mask, rows.signal.select(mask))
         starts = None if starts is None else among_kept(starts, rows.which, whole)
     rows = replace(rows, signal=_checked(read, rows, missing))
@@ -193,7 +193,9 @@ def _rows(read: FileRead, sources: Mapping[str, LabelSource], tables: LabelTable
         label = label_of(source, read, tables)
         labels[key] = as_known(label) if key.startswith(EXTRA) and isinstance(label, np.ndarray | str) else label
     numbers = () if _has_ends(how) else tuple(np.asarray(read.of(column)) for column in tap_columns(how))
-    rises = None if how.signal is None else np.asarray(read.of(how.signal))
+    rises = None
+    if how.signal is not None:
+        rises = signal_at(how, np.asarray(read.of(condition(how.signal)[0])), whole)
     times, unit = times_of(read)
     return _Rows(read.signal, np.arange(whole), labels, times, rises, numbers, unit)
 

@@ -222,7 +222,12 @@ def _further(
 ) -> list[str]:
     """Variables that are needed beside the samples."""
     found = needed(list(sources.values()), file, contents, tables)
-    named = {"time": how.time, "taxel": how.taxel, "keep": condition(how)[0], "signal": how.signal} | tables_of(how)
+    named = {
+        "time": how.time,
+        "taxel": how.taxel,
+        "keep": condition(how.keep)[0],
+        "signal": condition(how.signal)[0],
+    } | tables_of(how)
     for key, name in [*named.items(), *(("tap", name) for name in tap_columns(how))]:
         if name:
             with naming(option(key)):

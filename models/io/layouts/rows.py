@@ -35,39 +35,64 @@ def counts_in_taps(how: TapMap) -> bool:
     return isinstance(how.tap, str) and how.tap.startswith("restart:")
 
 
-def condition(how: TapMap) -> tuple[str, str, str]:
-    """Column, comparison and value of `keep`; without a comparison the column holds truth values."""
-    found = _CONDITION.fullmatch(how.keep or "")
-    return (found[1].strip(), found[2], found[3].strip()) if found else (how.keep or "", "", "")
+def condition(text: str | None) -> tuple[str, str, str]:
+    """Column, comparison and value of `keep` or `signal`; without a comparison the column holds truth values."""
+    found = _CONDITION.fullmatch(text or "")
+    return (found[1].strip(), found[2], found[3].strip()) if found else (text or "", "", "")
 
 
-def kept(how: TapMap, column: NDArray[Any], rows: int) -> NDArray[np.bool_]:
-    """Which rows or taps the condition of a map keeps, shape (rows,).
+def holds(how: TapMap, key: str, column: NDArray[Any], rows: int) -> NDArray[np.bool_]:
+    """Where the condition of a map holds, shape (rows,).
 
     Args:
         how: The map.
-        column: What its condition is about.
-        rows: How many there are.
+        key: That of the condition, `keep` or `signal`.
+        column: What it is about.
+        rows: How many rows or taps there are.
 
     Raises:
         InputError: The column has another length, or cannot be compared.
     """
-    name, comparison, wanted = condition(how)
+    name, comparison, wanted = condition(getattr(how, key))
     if column.shape != (rows,):
-        raise InputError(f"keep (--keep): {name} has shape {column.shape}, expected one value for each of {rows} rows.")
+        raise InputError(f"{option(key)}: {name} has shape {column.shape}, expected one value for each of {rows} rows.")
     column = as_known(column)
     if not comparison:
-        truths = numbers_or_truths(column, f"keep (--keep) {name}")
+        truths = _truths(key, name, column)
         return (truths != 0) & ~np.isnan(truths)
     if column.dtype.kind == "U":
         if comparison not in _EQUAL:
-            raise InputError(f"keep (--keep): {name} holds texts such as {str(column[0])!r}, which have no order.")
+            raise InputError(f"{option(key)}: {name} holds texts such as {str(column[0])!r}, which have no order.")
         return _EQUAL[comparison](column, wanted)
     try:
         number = float(wanted)
     except ValueError:
-        raise InputError(f"keep (--keep): {name} holds numbers, but {wanted!r} is none.") from None
+        raise InputError(f"{option(key)}: {name} holds numbers, but {wanted!r} is none.") from None
     return _COMPARED[comparison](column, number)
+
+
+def signal_at(how: TapMap, column: NDArray[Any], rows: int) -> NDArray[Any]:
+    """The signal that rises at each press, or whether its condition holds.
+
+    Args:
+        how: The map.
+        column: What its `signal` is about.
+        rows: How many rows there are.
+
+    Raises:
+        InputError: As for `holds`, or without a condition the column holds texts other than truth values.
+    """
+    name, comparison, _ = condition(how.signal)
+    if comparison:
+        return holds(how, "signal", column, rows)
+    return _truths("signal", name, column) if column.dtype.kind == "U" and len(column) else column
+
+
+def _truths(key: str, name: str, column: NDArray[Any]) -> NDArray[np.float64]:
+    try:
+        return numbers_or_truths(column, f"{option(key)} {name}")
+    except InputError as error:
+        raise InputError(f"{str(error).rstrip('.')}; texts are compared, as in {name}=TEXT.") from error
 
 
 def tap_starts(
@@ -143,7 +168,7 @@ def check_numbers(
             raise InputError(
                 f"{place(int(missing[0]))}: tap (--tap) {name} has no number; leave such rows out with keep (--keep)."
             )
-    if counts_in_taps(how):
+    if counts_in_taps(how) or _kept_alone(how, numbers):
         return
     seen: set[tuple[Any, ...]] = set()
     changing = [of[starts].tolist() for of in (*numbers, *_changing(labels, len(numbers[0])))]
@@ -154,10 +179,25 @@ def check_numbers(
             names = ", ".join(tap_columns(how))
             raise InputError(
                 f"{place(start)}: tap (--tap) {names} is {again} again after another tap; rows of a tap must follow "
-                "one another. Leave rows between taps out with keep (--keep); of a column that counts within taps say "
-                "restart:COLUMN."
+                f"one another. {_apart(how)}; of a column that counts within taps say restart:COLUMN."
             )
         seen.add(key)
+
+
+def _kept_alone(how: TapMap, numbers: Sequence[NDArray[Any]]) -> bool:
+    """Whether a column is that of the condition and has one value where this holds, so that each stretch is a tap."""
+    name = condition(how.keep)[0]
+    return any(name == each and len(set(as_texts(of))) == 1 for each, of in zip(tap_columns(how), numbers, strict=True))
+
+
+def _apart(how: TapMap) -> str:
+    """What to do where a number comes again."""
+    if how.keep is None:
+        return "Leave rows between taps out with keep (--keep)"
+    name = condition(how.keep)[0]
+    if name in tap_columns(how):
+        return f"Where keep (--keep) keeps one value of {name} alone, each stretch of rows is a tap"
+    return f"If each stretch of rows that keep (--keep) keeps is a tap, name {name} in tap (--tap) as well"
 
 
 def _missing(number: NDArray[Any]) -> NDArray[np.bool_]:

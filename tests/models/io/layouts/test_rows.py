@@ -44,6 +44,46 @@ def test_two_taps_of_one_number_are_not_joined_where_what_is_between_is_not_kept
     )
 
 
+def test_each_stretch_of_rows_is_a_tap_where_the_column_of_taps_has_one_value_in_those_kept(tmp_path):
+    rows = [
+        ("a", "on", 1),
+        ("a", "on", 2),
+        ("", "off", 3),
+        ("b", "on", 4),
+        ("", "off", 9),
+        ("a", "on", 5),
+        ("a", "on", 6),
+    ]
+    long = {"length": "longest"}
+    pairs = {"keep": "count=a", "tap": "count"}, {"keep": "phase=on", "tap": "phase", "length": 1}
+    assert [taps_of(tmp_path, rows, **keys) for keys in pairs] == [[[1, 2], [5, 6]], [[1], [4], [5]]]
+    for tap in ("phase", ("count", "phase"), ("phase", "count")):
+        assert len(taps_of(tmp_path, rows, keep="phase", tap=tap, length=1)) == 3
+    again = refused(tmp_path, rows, keep="phase=on", tap="count")
+    assert "line 7: tap (--tap) count is a again after another tap" in again
+    assert "If each stretch of rows that keep (--keep) keeps is a tap, name phase in tap (--tap) as well" in again
+    rows[2] = ("", "in", 3)
+    message = refused(tmp_path, rows, keep="phase!=off", tap="phase", **long)
+    assert "Where keep (--keep) keeps one value of phase alone, each stretch of rows is a tap" in message
+
+
+@pytest.mark.parametrize("signal", ["phase=on", "count<2", "phase!=off", "phase"])
+def test_a_signal_may_be_a_condition(tmp_path, signal):
+    """Also one that falls at a press."""
+    rows = [(2, "off", 1), (1, "on", 2), (0, "on", 3), (3, "off", 4), (1, "on", 5), (1, "on", 6)]
+    assert taps_of(tmp_path, rows, trigger="signal", signal=signal, window=2) == [[2, 3], [5, 6]]
+
+
+def test_a_signal_of_texts_is_compared(tmp_path):
+    rows = [(0, "idle", 1), (0, "press", 2), (0, "press", 3)]
+    message = refused(tmp_path, rows, trigger="signal", signal="phase", window=2)
+    assert (
+        "signal (--signal) phase: must hold numbers or true and false, got 'idle'; texts are compared, as in "
+        in message
+    )
+    assert taps_of(tmp_path, rows, trigger="signal", signal="phase=press", window=2) == [[2, 3]]
+
+
 def test_ends_count_all_rows(tmp_path):
     with h5py.File(tmp_path / "r.h5", "w") as file:
         file["a"], file["ends"] = np.arange(9.0)[:, np.newaxis], [4, 5, 9]
