@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...cutting.sessions import median_step
-from ...errors import InputError
+from ...errors import InputError, counted
 from ..recording import naming
 from .label_values import as_texts
 from .labels import ByOrder
@@ -80,12 +80,12 @@ def with_ordered_labels(found: Sequence[Piece], of_taps: bool = False) -> list[P
     Raises:
         InputError: A table has another number of rows.
     """
-    labels, sharing = [dict(piece.labels) for piece in found], dict[tuple[str, int], list[int]]()
+    labels, sharing = [dict(piece.labels) for piece in found], dict[tuple[str, str, tuple[int, ...]], list[int]]()
     for number, piece in enumerate(found):
         for key, of in piece.labels.items():
             if isinstance(of, ByOrder):
-                sharing.setdefault((key, id(of.values)), []).append(number)
-    for (key, _), numbers in sharing.items():
+                sharing.setdefault((key, of.table, of.rows), []).append(number)
+    for (key, *_), numbers in sharing.items():
         with naming(option(key)):
             parts = _parts(labels[numbers[0]][key], [found[number] for number in numbers], of_taps)
         for number, part in zip(numbers, parts, strict=True):
@@ -96,6 +96,8 @@ def with_ordered_labels(found: Sequence[Piece], of_taps: bool = False) -> list[P
 def _parts(label: Any, sharing: Sequence[Piece], of_taps: bool) -> list[NDArray[Any] | ByOrder]:
     """Values of a table for each piece that shares it: one for each tap, else for each row, else those of each file."""
     values, taps, rows = label.values, [piece.rows for piece in sharing], [piece.whole for piece in sharing]
+    if label.doubt and len(values) == sum(taps) == len({piece.file.path for piece in sharing}):
+        raise InputError(f"{label.table}: {label.hint}.")
     if len(values) == sum(taps):
         return np.split(values, np.cumsum(taps)[:-1])
     if len(values) == sum(rows):
@@ -104,7 +106,7 @@ def _parts(label: Any, sharing: Sequence[Piece], of_taps: bool) -> list[NDArray[
         return [values] * len(sharing)
     if of_taps:
         return [label] * len(sharing)
-    raise InputError(
-        f"{label.table}: {len(values)} rows for {sum(taps)} taps, and no column with the names of the files"
-        f"{'; its first line counts as a header' if len(values) == sum(taps) - 1 else ''}."
-    )
+    whose = "taps" if sharing[0].signal.cut else "frames"
+    header = "its first line counts as a header" if len(values) == sum(taps) - 1 and not label.doubt else ""
+    hints = "".join(f"; {hint}" for hint in (header, label.hint) if hint)
+    raise InputError(f"{label.table}: {counted(len(values), 'row')} for {sum(taps)} {whose}{hints}.")

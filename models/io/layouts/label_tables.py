@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -14,15 +14,15 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ..recording import naming, runs
+from .file_rows import FileRows, file_rows, rows_by_field, rows_by_key
 from .files import SourceFile
 from .formats.contents import Contents, TextTable, Values
-from .formats.registry import ENDINGS, ending, open_contents
+from .formats.registry import open_contents
 from .label_values import as_known, as_texts
 from .labels import ByOrder, Label, LabelSource
 from .patterns import filled
 
 _SEVERAL = re.compile(r"[,;\t|]")
-_EXACT = 4  # names of a file as they are written
 _HEADERS = {"what", "where", "name", "object", "label", "class", "position", "value", "id", "what_name", "where_value"}
 """Of lists of names and positions; another first line is the first of them."""
 
@@ -71,7 +71,7 @@ class LabelTables:
     told: dict[str, str] = field(default_factory=dict)
     _opened: dict[tuple[Path, TextTable], tuple[Contents, dict[str, NDArray[Any]]]] = field(default_factory=dict)
     _known: dict[tuple[Path, str, str], TableColumn] = field(default_factory=dict)
-    _naming: dict[tuple[Path, str, bool], dict[str, list[int]]] = field(default_factory=dict)
+    _by_file: dict[tuple[Path, str, str, str], FileRows] = field(default_factory=dict)
 
     @cached_property
     def numbers(self) -> Mapping[Path, int]:
@@ -81,7 +81,7 @@ class LabelTables:
     def label(
         self, source: LabelSource, file: SourceFile, rows: int, contents: Contents, found: Mapping[str, Values]
     ) -> Label:
-        """Values of a column: in the rows that name the file, by columns that both have, or else in their order.
+        """Values of a column: in the rows about the file, by columns that both have, or else in their order.
 
         Args:
             source: The table and column; the only column needs no name.
@@ -93,31 +93,60 @@ class LabelTables:
         Raises:
             InputError: There is no such table or column, or no row for this file, or for a row of it.
         """
-        name = filled(source.name, file.fields)
-        column = self.column(source, file)
-        values = column.values
-        among, by = self._rows(source, file)
-        if keys := self.shared(source, file, contents):
+        name, column = filled(source.name, file.fields), self.column(source, file)
+        about = FileRows({}) if source.by == "order" else self._about(source, file)
+        among = np.array(about.rows.get(file.path, ()) if about.by else np.arange(len(column.values)), dtype=np.intp)
+        if not len(among):
+            raise InputError(f"{name} has no row for this file.")
+        keys, by = self.shared(source, file, contents), [about.by] * bool(about.by)
+        if keys:
+            by.append(f"its column{'s' * (len(keys) > 1)} {', '.join(keys)}")
+            self.told[name] = f"{name} is read by {' and '.join(by)}, which the recording has as well."
             own = [column.columns[key][among] for key in keys]
-            by = " and ".join([*([by] if by else []), f"its column{'s' * (len(keys) > 1)} {', '.join(keys)}"])
-            self.told[name] = f"{name} is read by {by}, which the recording has as well."
-            return values[among[_matching(own, [np.asarray(found[key]) for key in keys], keys)]]
-        if not by:
-            among, by = self._rows(source, file, numbers=True)
+            return column.values[among[_matching(own, [np.asarray(found[of]) for of in keys.values()], list(keys))]]
         if by:
-            self.told[name] = f"{name} is read by {by}."
-            return str(values[among[0]]) if len(among) == 1 else values[among]
-        if name != self.events:
-            self.told[name] = f"{name} is read in the order of the taps, as it names no files and shares no column."
-        return values if len(self.files) == 1 and len(values) == rows else ByOrder(values, name)
+            self.told[name] = f"{name} is read by {by[0]}."
+        elif name != self.events:
+            self.told[name] = f"{name} is read in the order of the taps" + (
+                "." if source.by else ", as it names no files and shares no column."
+            )
+        values = column.values[among]
+        if len(values) == 1 and by:
+            return str(values[0])
+        alone = list(about.rows.values()).count(about.rows[file.path]) == 1 if by else len(self.files) == 1
+        if len(values) == rows and alone:
+            return values
+        return ByOrder(values, name, tuple(among.tolist()), _hint(source, column.name, about), bool(about.doubt))
 
-    def _rows(self, source: LabelSource, file: SourceFile, numbers: bool = False) -> tuple[NDArray[np.intp], str]:
-        """Rows of a table that are about a file, and what tells so; all of them and an empty text if nothing does."""
-        if not (named := self._named(source, file, numbers)):
-            return np.arange(len(self.column(source, file).values)), ""
-        if not (rows := rows_of(file, named)):
-            raise InputError(f"{filled(source.name, file.fields)} has no row for this file.")
-        return np.array(rows, dtype=np.intp), "numbers in the names of files" if numbers else "names of files"
+    def _about(self, source: LabelSource, file: SourceFile) -> FileRows:
+        """Rows of a table by file, and what tells so."""
+        name = filled(source.name, file.fields)
+        path = self._place(name, file)
+        key = path, source.column or source.key, source.by, source.own
+        if key not in self._by_file:
+            column = self.column(source, file)
+            files = [each for each in self.files if filled(source.name, each.fields) == name]
+            files = [each for each in files if each.path.is_relative_to(path.parent)] or files
+            self._by_file[key] = self._told_by(source, column, files)
+        return self._by_file[key]
+
+    def _told_by(self, source: LabelSource, column: TableColumn, files: Sequence[SourceFile]) -> FileRows:
+        if not source.by:
+            found = file_rows(column.texts_beside, files)
+            if not found.by and not found.doubt and column.values.dtype.kind == "U" and len(files) > 1:
+                own = file_rows({column.name: column.values}, files)
+                return own if own.rows and all(own.rows.values()) else found
+            return found
+        if source.by not in column.columns:
+            raise InputError(f"{source.name}: no column {source.by}; columns: {', '.join(column.columns)[:200]}.")
+        key = column.columns[source.by]
+        if source.own:
+            in_names = all(source.own.casefold() in file.fields for file in files)
+            return (
+                FileRows(rows_by_field(key, source.own, files), f"its column {source.by}") if in_names else FileRows({})
+            )
+        rows = rows_by_key(source.by, key, files)
+        return FileRows(rows, f"its column {source.by}") if any(rows.values()) else FileRows({})
 
     def names(self, source: LabelSource, file: SourceFile) -> NDArray[Any]:
         """Values of a column; of a list without a header all lines.
@@ -130,40 +159,34 @@ class LabelTables:
             return column.values
         return np.array([column.name, *as_texts(column.values)])
 
-    def shared(self, source: LabelSource, file: SourceFile, contents: Contents) -> list[str]:
-        """Columns of a table, beside that of the labels, that a file has as well and that tell its rows apart.
+    def shared(self, source: LabelSource, file: SourceFile, contents: Contents) -> dict[str, str]:
+        """Columns of a table that tell its rows apart, beside that of the labels, and the variables of a file they are.
 
         As few as do, in the order of the table; none where there is one row for the file.
 
         Raises:
-            InputError: They tell half of the rows apart or more, but not all.
+            InputError: They tell half of the rows apart or more, but not all; or there is no such variable.
         """
-        if source.name == self.events:
-            return []
+        if source.name == self.events or source.by == "order":
+            return {}
+        about = self._about(source, file)
+        if source.by:
+            return {} if about.by else {source.by: contents.named(source.own or source.by)}
         column = self.column(source, file)
         columns, apart = column.columns, (column.name, self.time)
-        among, _ = self._rows(source, file)
+        among = about.rows.get(file.path, ()) if about.by else range(len(column.values))
         both = [key for key in columns if key in contents.variables and key not in apart]
         both = [key for key in both if len(contents.variables[key].shape) == 1 and not key.isdecimal()]
         if len(among) < 2 or not both:
-            return []
+            return {}
         for number in range(1, len(both) + 1):
-            texts = _joint([columns[key][among] for key in both[:number]])
+            texts = _joint([columns[key][list(among)] for key in both[:number]])
             if len(set(texts)) == len(texts):
-                return both[:number]
+                return {key: key for key in both[:number]}
             if number == len(both) and 2 * len(set(texts)) >= len(texts):
                 twice = Counter(texts).most_common(1)[0][0]
                 raise InputError(f"the table has {', '.join(both)} {', '.join(twice)} in two rows.")
-        return []
-
-    def _named(self, source: LabelSource, file: SourceFile, numbers: bool = False) -> Mapping[str, list[int]]:
-        """Rows of a table by the name of their file or the number in it, see `rows_by_file`."""
-        path = self._place(filled(source.name, file.fields), file)
-        key = path, source.column, numbers
-        if key not in self._naming:
-            below = [each for each in self.files if each.path.is_relative_to(path.parent)] or list(self.files)
-            self._naming[key] = rows_by_file(self.column(source, file).texts_beside, below, numbers)
-        return self._naming[key]
+        return {}
 
     def column(self, source: LabelSource, file: SourceFile) -> TableColumn:
         """A column of a table beside a file or in another folder.
@@ -221,6 +244,16 @@ class LabelTables:
         return path
 
 
+def _hint(source: LabelSource, column: str, about: FileRows) -> str:
+    """How a table may be read in another way."""
+    name = f"{source.name}:{column}"
+    if source.by:
+        return ""
+    if about.doubt:
+        return f"{about.doubt}; {name}:COLUMN reads it by these numbers, {name}:order in the order of the taps"
+    return f"{name}:KEY=OWN compares its column KEY with a column or field OWN of the recording"
+
+
 def _joint(columns: Sequence[NDArray[Any]]) -> list[tuple[str, ...]]:
     """The texts of each row, of numbers by their value."""
     return list(zip(*(as_texts(as_known(of)) for of in columns), strict=True))
@@ -235,72 +268,3 @@ def _matching(keys: Sequence[NDArray[Any]], wanted: Sequence[NDArray[Any]], name
     if missing:
         raise InputError(f"the table has no row with {', '.join(names)} {', '.join(missing[0])}.")
     return np.repeat([row[key] for key in texts], np.diff(starts, append=len(wanted[0])))
-
-
-def _names_of(file: SourceFile) -> tuple[str, ...]:
-    """What a table may call a file, with large or small letters."""
-    free = file.below.rpartition(".")[0] or file.below
-    names = file.below, free, file.path.name, free.rpartition("/")[2]
-    return *names, *map(str.casefold, names)
-
-
-def _number_of(file: SourceFile) -> tuple[str, ...]:
-    """The only number in its name, by which a table may call a file as well."""
-    numbers = re.findall(r"\d+", file.path.stem)
-    return tuple(str(int(number)) for number in numbers) if len(numbers) == 1 else ()
-
-
-def rows_of(file: SourceFile, named: Mapping[str, list[int]]) -> list[int]:
-    """Rows of a file among those by name, empty if it has none."""
-    return next((named[text] for text in (*_names_of(file), *_number_of(file)) if text in named), [])
-
-
-def _naming(
-    columns: Mapping[str, NDArray[Any]], files: Sequence[SourceFile], names: Callable[[SourceFile], tuple[str, ...]]
-) -> list[str]:
-    """The columns that have most of the names of the files."""
-    count: dict[str, int] = {}
-    for name, of in columns.items():
-        there = {*of.tolist(), *map(str.casefold, of.tolist())}
-        count[name] = sum(any(text in there for text in names(file)) for file in files)
-        numbers = all(text.isdecimal() for text in there)
-        if numbers and (count[name] < max(2, len(files)) or len(there) < len(of)):
-            count[name] = 0
-    most = max(count.values(), default=0)
-    return [name for name, number in count.items() if number == most > 0]
-
-
-def rows_by_file(
-    columns: Mapping[str, NDArray[Any]], files: Sequence[SourceFile], numbers: bool = False
-) -> dict[str, list[int]]:
-    """Rows by the name of their file, from the column that names most files; empty where none does.
-
-    A column of plain numbers names files only if it names all of several, each once: it may count something else.
-
-    Args:
-        columns: Of texts.
-        files: The files.
-        numbers: Whether files go by the only number in their names instead.
-
-    Raises:
-        InputError: A name is that of files in several folders, or several columns number the files.
-    """
-    best = _naming(columns, files, _number_of if numbers else _names_of)
-    if numbers and len(best) > 1:
-        raise InputError(f"columns {' and '.join(best)} of the table of labels may both number the files; keep one.")
-    if not best:
-        has_endings = any(ending(text) in ENDINGS for of in columns.values() for text in of[:1].tolist())
-        return {"": []} if has_endings and not numbers else {}
-    rows: dict[str, list[int]] = {}
-    exact = {text for file in files for text in _names_of(file)[:_EXACT]}
-    for row, text in enumerate(columns[best[0]].tolist()):
-        rows.setdefault(text if text in exact else text.casefold(), []).append(row)
-    used: dict[str, SourceFile] = {}
-    for file in files:
-        text = next((text for text in _names_of(file) if text in rows), None)
-        if text is not None and used.setdefault(text, file) is not file:
-            raise InputError(
-                f"the table of labels names {text}, which {used[text].below} and {file.below} may be; write the folder "
-                "before the name, as in a/1.csv."
-            )
-    return rows

@@ -11,10 +11,21 @@ type Label = NDArray[Any] | str | float | ByOrder
 
 
 class ByOrder(NamedTuple):
-    """Values of all taps of a recording in their order, from a table."""
+    """Values of all taps of some files in their order.
+
+    Attributes:
+        values: The values.
+        table: The table or array.
+        rows: Which of its rows they are, the same for all files that share them.
+        hint: What is said where there are more or fewer values than taps.
+        doubt: Whether the table may rather be read in another way.
+    """
 
     values: NDArray[Any]
     table: str
+    rows: tuple[int, ...] = ()
+    hint: str = ""
+    doubt: bool = False
 
 
 class LabelSource(NamedTuple):
@@ -26,12 +37,16 @@ class LabelSource(NamedTuple):
             field with a date.
         name: Of the column, field or table, or the constant itself.
         column: Of a table.
+        by: Column of a table that tells which row is whose, `"order"`, or empty.
+        own: Column, array or field of the recording that this one is compared with.
     """
 
     key: str
     kind: str
     name: str
     column: str = ""
+    by: str = ""
+    own: str = ""
 
 
 def label_source(key: str, text: str) -> LabelSource:
@@ -47,8 +62,10 @@ def label_source(key: str, text: str) -> LabelSource:
         return LabelSource(key, kinds[begin], key if kinds[begin] == "field" else rest)
     if text == "file" and key in ("session", "trial"):
         return LabelSource(key, "file", "")
-    head, _, column = text.rpartition(":")
-    for name, wanted in ((text, ""), (head, column)):
-        if ENDINGS.get(ending(name)) in ("text", "npy"):
-            return LabelSource(key, "table", name, wanted)
+    parts = text.split(":")
+    for number in range(1, len(parts) + 1):
+        if ENDINGS.get(ending(name := ":".join(parts[:number]))) in ("text", "npy"):
+            column, _, by = ":".join(parts[number:]).partition(":")
+            by, _, own = by.partition("=")
+            return LabelSource(key, "table", name, column, by, own)
     return LabelSource(key, "column", text)

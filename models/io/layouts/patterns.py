@@ -9,8 +9,9 @@ from ...errors import InputError
 _PIECE = re.compile(r"\{(\w*)\}|(\*\*/|\*\*)|(\*)|(\?)|([^*?{}]+)|(.)")
 _NUMBER = r"[^\W\d_]*[-+\u2212]?\d+(?:[.,]\d+)?[^\W\d_]*"
 """A number with letters around it, as of a unit."""
-_NUMBERS = ("where", "trial", "x", "y", "angle")
-FIELDS = ("what", "session", "taxel", *_NUMBERS)
+NUMBERS = ("where", "trial", "x", "y", "angle")
+"""Fields that are numbers."""
+FIELDS = ("what", "session", "taxel", *NUMBERS)
 _IN_TEXT = re.compile(r"((?:(?<![^\W_])[-+])?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?) ?(°|[^\W\d_]*)")
 _SIGNS = str.maketrans("\u2212\u03bc", "-\u00b5")  # a minus, and the Greek letter that is written for micro
 _IN_THOUSANDS = re.compile(r"(?<![\d.,])[1-9]\d{0,2}(?:(?:,\d{3}){2,}(?![\d,])|,\d{3}(?=\.\d))")
@@ -46,7 +47,7 @@ def compiled_pattern(pattern: str, key: str, fields: tuple[str, ...] = FIELDS) -
             parts.append(f"(?P={name})")
         elif name in fields:
             seen.add(name)
-            parts.append(f"(?P<{name}>{_NUMBER if name in _NUMBERS else '[^/]+?'})")
+            parts.append(f"(?P<{name}>{_NUMBER if name in NUMBERS else '[^/]+?'})")
         elif other or name == "":
             raise InputError(f"{key}: {pattern!r} has a bracket that is not part of a field such as {{what}}.")
         else:

@@ -53,7 +53,7 @@ def needed(sources: Sequence[LabelSource], file: SourceFile, contents: Contents,
             if source.kind in ("column", "date") and name not in contents.attributes:
                 found.append(contents.named(name))
             elif source.kind == "table":
-                found += tables.shared(source, file, contents)
+                found += tables.shared(source, file, contents).values()
     return found
 
 

@@ -96,26 +96,28 @@ class StreamLabels:
         self, key: str, number: int, count: "_Count", taps: NDArray[np.bool_], frames: NDArray[np.intp]
     ) -> Label:
         """A label of the taps of a stream."""
-        label = self.pieces[number].labels[key]
-        if not isinstance(label, np.ndarray | ByOrder):
+        label, path = self.pieces[number].labels[key], self.pieces[number].file.path
+        if isinstance(label, ByOrder):
+            values, of = label.values, (label.table, label.rows)
+            sharing = [n for n, each in enumerate(self.pieces) if _rows_of(each.labels.get(key)) == of]
+            name, hint = label.table, f"; {label.hint}" if label.hint else ""
+        elif not isinstance(label, np.ndarray):
             return label
-        if not _is_of_taps(label, self.pieces[number].rows):
+        elif len(label) == self.pieces[number].rows:
             return label[frames[taps]]
-        values = label.values if isinstance(label, ByOrder) else label
-        sharing = [n for n, each in enumerate(self.pieces) if _values_of(each.labels.get(key)) is values]
+        else:
+            values, sharing, name, hint = label, [number], str(path), ""
         index, total = count.within(sharing, len(self.pieces))
         with naming(option(key)):
             if len(values) != total:
-                name = f"{label.table}: " if isinstance(label, ByOrder) else f"{self.pieces[number].file.path}: "
-                raise InputError(
-                    f"{name}{counted(len(values), 'label')} for {counted(total, count.name)} in the streams"
-                    f"{'; its first line counts as a header' if len(values) == total - 1 else ''}."
-                )
+                header = "; its first line counts as a header" if len(values) == total - 1 else ""
+                found = f"{counted(len(values), 'label')} for {counted(total, count.name)} in the streams"
+                raise InputError(f"{name}: {found}{header}{hint}.")
         return values[index[taps]]
 
 
-def _values_of(label: Any) -> Any:
-    return label.values if isinstance(label, ByOrder) else label
+def _rows_of(label: Any) -> Any:
+    return (label.table, label.rows) if isinstance(label, ByOrder) else None
 
 
 def _is_of_taps(label: Label, frames: int) -> bool:

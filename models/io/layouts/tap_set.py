@@ -21,8 +21,8 @@ from ..joining import relabel
 from ..recording import Labels, Recording, naming
 from ..streams import segment, stream_starts
 from .assemble import Mapped, read_mapped
+from .file_rows import file_rows
 from .files import SourceFile
-from .label_tables import rows_by_file, rows_of
 from .label_values import as_known
 from .labels import label_source
 from .mapping import TapMap, check_cutting, load_map, option
@@ -174,10 +174,10 @@ def _files_of_events(
     columns: Mapping[str, NDArray[Any]], files: Sequence[SourceFile], events: int
 ) -> NDArray[np.intp] | None:
     """Number of the file of each event, -1 for that of none; `None` where no column names files."""
-    named = rows_by_file(columns, files) or rows_by_file(columns, files, numbers=True)
+    found = file_rows(columns, files).rows
     of = np.full(events, -1)
     for number, file in enumerate(files):
-        of[rows_of(file, named)] = number
+        of[found.get(file.path, [])] = number
     return of if (of >= 0).any() else None
 
 

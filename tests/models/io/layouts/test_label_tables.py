@@ -157,9 +157,9 @@ HOW = TapMap(taxels="p", tap="row", what="labels.csv:thing")
     ("table", "things", "way"),
     [
         ("n,thing\n0,a\n1,b\n2,c\n3,d\n", "badc", "read by its column n, which the recording has as well."),
-        ("id,thing\n0,a\n1,b\n", "aabb", "read by numbers in the names of files."),
+        ("id,thing\n0,a\n1,b\n", "aabb", "read by numbers of files in its column id."),
         ("kg,thing\n7,a\n1,b\n5,c\n3,d\n", "abcd", "read in the order of the taps, as it names no files and shares no"),
-        ("file,thing\nday1,a\nDAY0.CSV,b\n", "bbaa", "read by names of files."),
+        ("file,thing\nday1,a\nDAY0.CSV,b\n", "bbaa", "read by names of files in its column file."),
     ],
 )
 def test_a_column_that_both_have_goes_before_numbers_of_files_and_the_order(table, things, way, tmp_path):
@@ -222,7 +222,11 @@ def test_positions_are_rounded_in_their_unit(tmp_path):
     ("table", "things", "way"),
     [
         ("day,n,thing\n1,2,d\n1,3,c\n0,0,b\n0,1,a\n", "abcd", "read by its columns day, n, which"),
-        ("file,n,thing\nday1,2,d\nday1,3,c\nday0,0,b\nday0,1,a\n", "abcd", "read by names of files and its column n,"),
+        (
+            "file,n,thing\nday1,2,d\nday1,3,c\nday0,0,b\nday0,1,a\n",
+            "abcd",
+            "read by names of files in its column file and its column n,",
+        ),
         ("day,thing\n0,a\n0,b\n1,c\n1,c\n1,c\n1,c\n", None, "6 rows for 4 taps"),
         ("day,n,thing\n1,2,d\n1,2,c\n0,0,b\n0,1,a\n", None, "the table has day, n 1, 2 in two rows"),
     ],
@@ -290,3 +294,94 @@ def test_names_with_commas_need_the_name_of_their_column(tmp_path):
     with pytest.raises(InputError, match=r"labels.csv: 'thing' may be several columns; say which with labels.csv:COLU"):
         found(tmp_path, table, what="labels.csv")
     assert found(tmp_path, table) == {0: "ball, red", 1: "cup, blue"}
+
+
+def test_fields_of_names_are_compared_with_columns_of_their_name(tmp_path):
+    """Numbers by their value, texts in any capitals; the table is in another order than the files."""
+    names = [f"s{session}/trial_{trial:02}.txt" for session in "AB" for trial in (1, 2, 10)]
+    written(tmp_path, names)
+    table = "trial,session,thing\n10,a,cup\n2,b,rod\n1,a,ball\n1,b,pot\n10,b,jug\n2,a,can\n3,a,none\n"
+    how = {"files": "s{session}/trial_{trial}.txt"}
+    assert found(tmp_path, table, **how) == dict(enumerate(["ball", "can", "cup", "pot", "rod", "jug"]))
+    with pytest.raises(InputError, match=r"sB/trial_10\.txt: what \(--what\): labels\.csv has no row for this file"):
+        found(tmp_path, table.replace("10,b,jug\n", ""), **how)
+
+
+def test_a_column_of_folders_tells_files_of_one_name_apart(tmp_path):
+    written(tmp_path, ["Day1/p.txt", "Day1/q.txt", "Day2/p.txt"])
+    table = "day,file,thing\nday2,p.txt,rod\nday1,q.txt,cup\nday1,p.txt,ball\n"
+    assert found(tmp_path, table) == {0: "ball", 1: "cup", 2: "rod"}
+
+
+def test_rows_of_a_folder_are_those_of_its_files_in_their_order(tmp_path):
+    """One for all of them, or one for each tap."""
+    written(tmp_path, ["x/1.txt", "x/2.txt", "y/1.txt"])
+    assert found(tmp_path, "person,thing\ny,rod\nx,cup\n") == {0: "cup", 1: "cup", 2: "rod"}
+    assert found(tmp_path, "person,thing\ny,rod\nx,cup\nx,ball\n") == {0: "cup", 1: "ball", 2: "rod"}
+
+
+@pytest.mark.parametrize(
+    ("rows", "sentence"),
+    [
+        (
+            "1,cup\n2,rod\n",
+            r"labels\.csv: 2 rows for 3 taps; its column run has numbers in the names of files, but not",
+        ),
+        (
+            "1,cup\n2,rod\n4,pot\n",
+            r"labels\.csv: its column run has numbers .* but not the same ones; labels\.csv:thing:COL",
+        ),
+    ],
+)
+def test_a_table_that_nearly_numbers_the_files_is_refused_with_the_way_out(tmp_path, rows, sentence):
+    written(tmp_path, ["rec_1.txt", "rec_2.txt", "rec_3.txt"])
+    with pytest.raises(InputError, match=sentence):
+        found(tmp_path, f"run,thing\n{rows}")
+    by_run = {"what": "labels.csv:thing:run"}
+    if "3," in rows:
+        assert found(tmp_path, f"run,thing\n{rows}", **by_run) == {0: "rod", 1: "pot", 2: "cup"}
+    else:
+        with pytest.raises(InputError, match=r"rec_3\.txt: what \(--what\): labels\.csv has no row for this file"):
+            found(tmp_path, f"run,thing\n{rows}", **by_run)
+    if rows.count("\n") == 3:
+        assert found(tmp_path, f"run,thing\n{rows}", what="labels.csv:thing:order") == {0: "cup", 1: "rod", 2: "pot"}
+
+
+def test_a_column_that_names_of_files_are_called_after_numbers_them_in_any_order(tmp_path):
+    written(tmp_path, ["run_1.txt", "run_2.txt", "run_3.txt"])
+    assert found(tmp_path, "Run,thing\n3,cup\n1,rod\n2,pot\n") == {0: "rod", 1: "pot", 2: "cup"}
+
+
+def test_what_tells_rows_can_be_said(tmp_path):
+    """A column of another name in the recording, a field, or the number of the file among others."""
+    written(tmp_path, ["s1_rec_7.txt", "s1_rec_3.txt"])
+    table = "id,nr,thing\n1,3,cup\n2,7,rod\n"
+    assert found(tmp_path, table, files="*_rec_{trial}.txt", what="labels.csv:thing:nr=trial") == {0: "rod", 1: "cup"}
+    (tmp_path / "a.txt").write_text("m,p\n2,0\n1,1\n2,2\n")
+    how = {"files": "a.txt", "tap": "row", "taxels": "p", "what": "labels.csv:thing:id=m"}
+    assert found(tmp_path, table, **how) == {0: "rod", 1: "cup", 2: "rod"}
+    for what, sentence in (
+        ("labels.csv:thing:no", "no column no; columns: id, nr, thing"),
+        ("labels.csv:thing:id=no", "no column no; there is"),
+        ("labels.csv:thing:id", "no column id; there is"),
+    ):
+        with pytest.raises(InputError, match=sentence):
+            found(tmp_path, table, **how | {"what": what})
+
+
+def test_a_table_of_one_file_does_not_number_it(tmp_path):
+    """Its column counts presses, though 1 and 2 are the numbers of the files."""
+    for number in (1, 2):
+        (tmp_path / f"rec_{number}.txt").write_text(
+            "".join(f"{row},{n}\n" for n, row in enumerate("ab", 2 * number - 2))
+        )
+        (tmp_path / f"labels_{number}.csv").write_text("press,thing\n" + f"1,{'cup' * number}\n2,rod\n")
+    how = {"files": "rec_{session}.txt", "header": False, "taxels": "1:2", "tap": "row"}
+    (tmp_path / "labels.csv").write_text("")
+    taps = load_mapped(tmp_path, TapMap(what="labels_{session}.csv:thing", **how)).taps
+    assert [taps.what_name[m] for m in taps.what] == ["cup", "rod", "cupcup", "rod"]
+
+
+def test_the_column_that_numbers_files_may_be_the_label(tmp_path):
+    written(tmp_path, ["rec_7.txt", "rec_3.txt", "rec_12.txt"])
+    assert found(tmp_path, "run\n3\n12\n7\n", what="labels.csv:run") == {0: "7", 1: "3", 2: "12"}

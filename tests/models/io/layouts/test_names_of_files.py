@@ -108,7 +108,7 @@ def test_files_that_do_not_match_are_told(grid):
     taps, told = load_mapped(grid, TapMap(taxels="a", tap="file", files="p_1mm_*.csv", what="labels.csv:thing"))
     assert len(taps) == 2
     first = f"2 of 4 files below {grid} do not match files (--files), such as p_0mm_0mm.csv."
-    assert told == (first, "labels.csv is read by names of files.")
+    assert told == (first, "labels.csv is read by names of files in its column file.")
 
 
 def test_a_file_that_is_named_twice_is_refused(grid):

@@ -60,7 +60,7 @@ def refused(source, **keys):
         ),
         ({"what": "thing", "what_names": ("x", "y", "x")}, "what_names (--what-names) has a name twice: x, y, x."),
         ({"what": "n", "what_names": ("u", "u")}, "what_names (--what-names) has a name twice: u, u."),
-        ({"what": "labels.csv:c"}, "what (--what): labels.csv: 1 rows for 4 taps, and no column with the names of"),
+        ({"what": "labels.csv:c"}, "what (--what): labels.csv: 1 row for 4 taps; labels.csv:c:KEY=OWN compares its"),
         ({"length": 9}, "length (--length): no tap is left of 4. 4 taps left out: shorter than 9 samples."),
         ({"align": "contact", "level": 1e9}, "align (--align): no tap is left of 4. 4 taps left out: without a sample"),
         ({"keep": "a>99"}, "r.csv: no taps that keep (--keep) 'a>99' keeps."),
