@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ..models.errors import InputError, counted
+from ..models.errors import InputError, counted, shortened
 from ..models.io.layouts.mapping import TapMap, check_cutting, load_map, option
 from .shared.interrupt import loading
 from .shared.map_options import MAP_OPTIONS
@@ -111,8 +111,10 @@ def _tell(target: Path, taps: "TapSet", how: TapMap) -> None:
     typer.echo(f"{target}: {counted(n, 'tap')} of {counted(j, 'sample')} from {counted(k, 'taxel')}.")
     where, rate = sorted(set(taps.where.tolist())), taps.preprocessing.rate_hz
     line = len(where) > 1 and "where_place" not in taps.dataset.coords
+    objects = [taps.what_name[m] for m in sorted(set(taps.what.tolist()))]
     typer.echo(
-        f"{counted(len(set(taps.what.tolist())), 'object')}, {counted(len(where), 'position')}"
+        f"{counted(len(objects), 'object')}{f' ({shortened(objects)})' if len(objects) > 1 else ''}, "
+        f"{counted(len(where), 'position')}"
         f"{f' from {where[0]:g} to {where[-1]:g} {taps.where_unit}'.rstrip() if line else ''}, "
         f"{counted(len(set(taps.session.tolist())), 'session')}, {'no rate' if rate is None else f'{rate:g} Hz'}."
     )

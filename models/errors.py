@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from os import PathLike
 
     from numpy.typing import ArrayLike, NDArray
@@ -99,6 +100,16 @@ def counted(number: int, what: str) -> str:
     """
     plural = "es" if what.endswith("s") else "s"
     return f"{number} {what}{plural * (number != 1)}"
+
+
+def shortened(texts: "Sequence[str]", most: int = 6) -> str:
+    """The first of some texts, and how many more there are.
+
+    >>> shortened(["a", "b"]), shortened(["a", "b", "c", "d"], most=2)
+    ('a, b', 'a, b and 2 more')
+    """
+    more = len(texts) - most
+    return ", ".join(texts[:most]) + (f" and {more} more" if more > 0 else "")
 
 
 def printable(text: str) -> str:

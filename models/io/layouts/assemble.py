@@ -68,7 +68,9 @@ def read_mapped(
     beside = [path if path.is_dir() else path.parent for path in paths]
     events = label_source("events", how.events or "")
     beside = [*([] if folder is None else [Path(folder)]), *dict.fromkeys(beside)]
-    tables = LabelTables(beside, how.text_table, files, events=events.name, time=how.time or "")
+    texts = filter(None, (*how.label_texts.values(), how.what_value, *how.extra))
+    labels = {(of.name, of.column or of.key) for of in (label_source("label", text) for text in texts)}
+    tables = LabelTables(beside, how.text_table, files, labels=labels, events=events.name, time=how.time or "")
     found = with_all_taxels(list(pieces(files, how, tables, missing)))
     found = with_ordered_labels(found, of_taps=how.trigger is not None)
     if not sum(piece.rows for piece in found):
@@ -79,21 +81,29 @@ def read_mapped(
     even, rate = _joined(found, how), how.rate or _common_rate(found)
     whose = tuple(piece.file for piece in found)
     damaged = dict.fromkeys(f"{piece.file.path}: {piece.damage}" for piece in found if piece.damage)
-    told = (*unmatched(paths, files, how), *damaged, *tables.told.values(), *_told_of_times(found, how, rate))
+
+    def told() -> tuple[str, ...]:
+        return (*unmatched(paths, files, how), *damaged, *tables.told.values(), *_told_of_times(found, how, rate))
+
     if even is not None:
-        labels = joined_labels(found, how, tables)
-        kept = Recording(even.samples, labels.take(even.kept), rate)
-        return Mapped(kept, even.missing, (*told, *even.left_out), None, None, whose, tables)
+        ends = np.cumsum([piece.rows for piece in found])
+        parts = np.split(even.kept, np.searchsorted(even.kept, ends[:-1]))
+        begins = ends - [piece.rows for piece in found]
+        some = [piece.labels_at(rows - begin) for piece, rows, begin in zip(found, parts, begins, strict=True)]
+        kept = Recording(even.samples, joined_labels([each for each in some if each.rows], how, tables), rate)
+        return Mapped(kept, even.missing, (*told(), *even.left_out), None, None, whose, tables)
     samples = _scaled(concatenated([np.asanyarray(piece.signal.samples) for piece in found]), how)
     if samples.ndim == 3:
         recording = Recording(samples, joined_labels(found, how, tables), rate)
-        return Mapped(recording, missing, told, None, None, whose, tables)
+        return Mapped(recording, missing, told(), None, None, whose, tables)
     labels = StreamLabels.of(found, how, tables)
     file = np.repeat(np.arange(len(found)), [piece.rows for piece in found])
     times = [piece.time_s for piece in found if piece.time_s is not None]
     time = np.concatenate(times) if len(times) == len(found) else None
     rises = None if how.signal is None else np.concatenate([np.asarray(piece.rises) for piece in found])
-    return Mapped(Recording(samples, labels.frames, rate, file, time=time), missing, told, rises, labels, whose, tables)
+    return Mapped(
+        Recording(samples, labels.frames, rate, file, time=time), missing, told(), rises, labels, whose, tables
+    )
 
 
 def _joined(found: Sequence[Piece], how: TapMap) -> EvenTaps | None:

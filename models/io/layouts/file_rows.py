@@ -1,6 +1,7 @@
 """Which rows of a table are about which file of a recording."""
 
 import re
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -14,6 +15,7 @@ from .formats.registry import ENDINGS, ending
 from .label_values import as_known, as_texts
 from .patterns import NUMBERS, number_in
 
+_ENDING = re.compile(r"\.[^\W\d]\w{0,5}$")
 type Rows = dict[Path, list[int]]
 type Columns = Mapping[str, NDArray[Any]]
 
@@ -25,11 +27,13 @@ class FileRows(NamedTuple):
         rows: Of each file, in their order; nothing where no column tells.
         by: What tells so.
         doubt: Columns that nearly tell, in parts of a sentence.
+        numbered: Whether the numbers in names tell, which columns that the recording has as well outweigh.
     """
 
     rows: Rows
     by: str = ""
     doubt: str = ""
+    numbered: bool = False
 
 
 def file_rows(columns: Columns, files: Sequence[SourceFile]) -> FileRows:
@@ -113,10 +117,28 @@ def _names_of(file: SourceFile) -> tuple[str, ...]:
 
 
 def _of_names(values: NDArray[Any], files: Sequence[SourceFile]) -> Rows:
-    """Rows by names as they are written, else with large or small letters."""
+    """Rows by names as they are written, else with large or small letters, or with other folders and endings."""
     exact = {name for file in files for name in _names_of(file)}
-    texts = [text if text in exact else text.casefold() for text in as_texts(values)]
-    return _rows(texts, files, lambda file: (*_names_of(file), *map(str.casefold, _names_of(file))))
+    texts = as_texts(values)
+    rows = _rows(
+        [text if text in exact else text.casefold() for text in texts],
+        files,
+        lambda file: (*_names_of(file), *map(str.casefold, _names_of(file))),
+    )
+    elsewhere: dict[str, list[tuple[int, str]]] = {}
+    for row, text in enumerate(texts):
+        path = text.casefold().replace("\\", "/")
+        free = _ENDING.sub("", path)
+        if "/" in path or free != path:
+            elsewhere.setdefault(free.rpartition("/")[2], []).append((row, f"/{free}"))
+    stems = Counter(_ENDING.sub("", file.path.name.casefold()) for file in files)
+    for file in files:
+        end = _ENDING.sub("", f"/{file.below.casefold()}")
+        named = elsewhere.get(end.rpartition("/")[2], []) if not rows[file.path] else []
+        below = [row for row, path in named if path.endswith(end)]
+        alone = stems[end.rpartition("/")[2]] == 1
+        rows[file.path] += below or [row for row, _ in named if alone]
+    return rows
 
 
 def _naming(columns: Columns, files: Sequence[SourceFile]) -> str | None:
@@ -182,6 +204,15 @@ def _number_of(file: SourceFile) -> list[str]:
     return [str(int(number)) for number in numbers] if len(numbers) == 1 else []
 
 
+def counts_otherwise(values: NDArray[Any]) -> bool:
+    """Whether values are the numbers of all rows, from 0 or 1, in another order than that of the rows."""
+    if not _numbers(values):
+        return False
+    numbers, rows = list(map(int, values.tolist())), len(values)
+    least = min(numbers)
+    return least in (0, 1) and numbers != sorted(numbers) == list(range(least, least + rows))
+
+
 def _whole(values: NDArray[Any]) -> list[str]:
     return [str(int(text)) if text.isdecimal() else text for text in as_texts(values)]
 
@@ -189,20 +220,19 @@ def _whole(values: NDArray[Any]) -> list[str]:
 def _by_numbers(columns: Columns, files: Sequence[SourceFile]) -> FileRows:
     """Rows by a column that has the number in the name of each file once, and nothing else.
 
-    Files that are numbered from 1 in another order than the rows may be in the order of these, so a column tells then
-    only if names of files have its name.
+    Files that are numbered from 0 or 1 in another order than the rows may be in the order of these, so a column tells
+    then only if names of files have its name.
     """
     wanted = [number for file in files for number in _number_of(file)]
     if len(set(wanted)) < len(files) or len(files) < 2:
         return FileRows({})
     doubts, same = [], dict[str, bool]()
-    plain = sorted(map(int, wanted)) in (list(range(len(files))), list(range(1, len(files) + 1)))
     for name, of in columns.items():
         there = _whole(of)
         if not _numbers(of) or len(set(there)) < len(there) or 2 * len(set(wanted) & set(there)) < len(files):
             continue
         if set(there) == set(wanted):
-            same[name] = not plain or there == sorted(there, key=int)
+            same[name] = not counts_otherwise(of)
         else:
             doubts.append(f"its column {name} has numbers in the names of files, but not the same ones")
     called = [name for name in same if all(name.casefold() in file.below.casefold() for file in files)]
@@ -214,7 +244,5 @@ def _by_numbers(columns: Columns, files: Sequence[SourceFile]) -> FileRows:
         )
     if exact and (called or same[exact[0]]):
         rows = _rows(_whole(columns[exact[0]]), files, _number_of)
-        return FileRows(rows, f"numbers of files in its column {exact[0]}")
-    if exact:
-        doubts.insert(0, f"its column {exact[0]} has the numbers of the files in another order than its rows")
+        return FileRows(rows, f"numbers of files in its column {exact[0]}", numbered=True)
     return FileRows({}, doubt="; ".join(doubts))

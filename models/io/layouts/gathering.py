@@ -96,7 +96,8 @@ def with_ordered_labels(found: Sequence[Piece], of_taps: bool = False) -> list[P
 def _parts(label: Any, sharing: Sequence[Piece], of_taps: bool) -> list[NDArray[Any] | ByOrder]:
     """Values of a table for each piece that shares it: one for each tap, else for each row, else those of each file."""
     values, taps, rows = label.values, [piece.rows for piece in sharing], [piece.whole for piece in sharing]
-    if label.doubt and len(values) == sum(taps) == len({piece.file.path for piece in sharing}):
+    each = len({piece.file.path for piece in sharing}) == sum(taps)
+    if label.doubt == "rows" or (label.doubt and len(values) == sum(taps) and each):
         raise InputError(f"{label.table}: {label.hint}.")
     if len(values) == sum(taps):
         return np.split(values, np.cumsum(taps)[:-1])

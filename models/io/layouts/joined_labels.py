@@ -7,14 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...cutting.sessions import number_by_date, number_by_gap
-from ...errors import InputError
+from ...errors import InputError, shortened
 from ...grid import values_from_names
 from ...tap_checks import RESERVED
 from ...taps import in_plane
 from ..recording import Labels, naming
 from .label_tables import LabelTables
 from .label_values import are_names, as_numbers, as_texts, by_name, distinct
-from .labels import label_source
+from .labels import LISTS, label_source
+from .listed import Listed, listed
 from .mapping import EXTRA, PLANE, TapMap, option
 from .patterns import natural
 from .pieces import Piece
@@ -28,8 +29,11 @@ def joined_labels(found: Sequence[Piece], how: TapMap, beside: LabelTables) -> L
     Raises:
         InputError: Labels are missing, of the wrong kind, or contradict each other; the message names key and place.
     """
-    what, names, sizes = _objects(found, how, _listed(found, how.what_names, "what_names", beside))
-    where, tables = _positions(found, how, _listed(found, how.where_values, "where_values", beside))
+    named, places = (_listed(found, getattr(how, key), key, beside) for key in LISTS)
+    what, names, sizes = _objects(found, how, named)
+    where, tables = _positions(found, how, places)
+    if named is not None and (unused := sorted(set(range(len(names))) - set(what.tolist()))):
+        beside.told["what_names"] = _without_taps([names[m] for m in unused], names, how, 0 in unused)
     units = {piece.unit for piece in found}
     if how.units is None and len(units - {""}) > 1:
         raise InputError(f"samples are in {' and '.join(sorted(units - {''}))} in different files; --units says which.")
@@ -40,12 +44,18 @@ def joined_labels(found: Sequence[Piece], how: TapMap, beside: LabelTables) -> L
     return Labels(
         what=what,
         where=where,
-        session=_sessions(found, how),
+        session=_sessions(found, how, beside),
         trial=_trials(found),
         what_name=names,
         extra={_free(name): values for name in how.extra if (values := _values(found, EXTRA + name)) is not None},
         tables=tables,
     )
+
+
+def _without_taps(unused: Sequence[str], names: Sequence[str], how: TapMap, first: bool) -> str:
+    """What is told where names have no taps, as those of a heading or of indices that count from 1."""
+    hint = "; if indices count from 1, say one_based (--one-based)" if first and not how.one_based else ""
+    return f"{len(unused)} of {len(names)} {option('what_names')} have no taps: {shortened(unused)}{hint}."
 
 
 def _free(name: str) -> str:
@@ -99,22 +109,22 @@ def _place(found: Sequence[Piece], tap: int) -> str:
 
 
 def _objects(
-    found: Sequence[Piece], how: TapMap, listed: NDArray[Any] | None
+    found: Sequence[Piece], how: TapMap, named: Listed | None
 ) -> tuple[NDArray[np.int64], tuple[str, ...], dict[str, Any] | None]:
     """Index and names of the objects, and their sizes with the unit: by size, else in order of appearance."""
     raw = _values(found, "what")
     total = sum(piece.rows for piece in found)
     raw = np.repeat(np.array("object"), total) if raw is None else raw
     _check_there(found, "what", raw)
-    if listed is not None:
+    if named is not None:
         by_axis = any("what" in piece.signal.axis_index for piece in found)
-        index = _indices(found, "what", raw, listed, how.one_based and not by_axis)
-        names = np.array(as_texts(listed))
+        index = _indices(found, "what", raw, named, how.one_based and not by_axis)
+        names = np.array(as_texts(named.entries))
     else:
         texts, _, index = distinct(raw)
         names = np.array(texts)
     sizes = _sizes(found, how, index, tuple(names.tolist()))
-    if sizes is not None and listed is None:
+    if sizes is not None and named is None:
         order = np.argsort(sizes["what_value"], kind="stable")
         index, names = np.argsort(order)[index], names[order]
         sizes["what_value"] = sizes["what_value"][order]
@@ -154,44 +164,44 @@ def _sizes(
     return {"what_value": sizes, "what_unit": how.what_unit or unit}
 
 
-def _listed(found: Sequence[Piece], told: Any, key: str, beside: LabelTables) -> NDArray[Any] | None:
-    """Names or positions that an index refers to, from the map, an array or a table."""
+def _listed(found: Sequence[Piece], told: Any, key: str, beside: LabelTables) -> Listed | None:
+    """Names or positions that an index refers to, from the map, an array, an attribute or a table."""
     if told is None:
         return None
     if not isinstance(told, str):
-        return np.asarray(told)
+        return Listed(np.asarray(told))
     source = label_source(key, told)
     if source.kind == "table":
         with naming(option(key)):
-            return beside.names(source, found[0].file)
+            return listed(source, found[0].file, beside)
     first = found[0].tables[key].reshape(-1)
     for piece in found:
         if not np.array_equal(piece.tables[key].reshape(-1), first):
             raise InputError(f"{piece.file.path}: {told} differs from that of {found[0].file.path}.")
-    return first
+    return Listed(first)
 
 
-def _indices(
-    found: Sequence[Piece], key: str, raw: NDArray[Any], listed: NDArray[Any], one_based: bool
-) -> NDArray[np.int64]:
+def _indices(found: Sequence[Piece], key: str, raw: NDArray[Any], named: Listed, one_based: bool) -> NDArray[np.int64]:
     """Number of each label in a list, from 0: by its name, else as an index."""
-    named = by_name(key, raw, listed, lambda tap: _place(found, tap))
-    if named is not None:
-        return named.astype(np.int64)
+    entries = named.entries
+    by_text = by_name(key, raw, entries, lambda tap: _place(found, tap))
+    if by_text is not None:
+        return by_text.astype(np.int64)
     numbers, _ = as_numbers(key, raw, lambda tap: _place(found, tap))
+    with naming(option("what_names" if key == "what" else "where_values")):
+        if (told := named.indices(numbers)) is not None:
+            return told
     index = numbers - one_based
-    bad = np.flatnonzero((index != np.round(index)) | (index < 0) | (index >= len(listed)))
+    bad = np.flatnonzero((index != np.round(index)) | (index < 0) | (index >= len(entries)))
     if len(bad):
-        entries = f"the {len(listed)} entries of {option('what_names' if key == 'what' else 'where_values')}"
-        hint = "; if indices count from 1, say one_based (--one-based)" if numbers.max() == len(listed) else ""
+        there = f"the {len(entries)} entries of {option('what_names' if key == 'what' else 'where_values')}"
+        hint = "; if indices count from 1, say one_based (--one-based)" if numbers.max() == len(entries) else ""
         place = _place(found, int(bad[0]))
-        raise InputError(f"{option(key)} is {numbers[bad[0]]:g} for {place}, which is no index of {entries}{hint}.")
+        raise InputError(f"{option(key)} is {numbers[bad[0]]:g} for {place}, which is no index of {there}{hint}.")
     return index.astype(np.int64)
 
 
-def _positions(
-    found: Sequence[Piece], how: TapMap, listed: NDArray[Any] | None
-) -> tuple[NDArray[np.float64], dict[str, Any]]:
+def _positions(found: Sequence[Piece], how: TapMap, named: Listed | None) -> tuple[NDArray[np.float64], dict[str, Any]]:
     """Position of each tap, and the tables that belong to it."""
     plane = [_values(found, key) for key in PLANE]
     if plane[0] is not None:
@@ -201,14 +211,16 @@ def _positions(
     raw = _values(found, "where")
     if raw is None:
         return np.zeros(sum(piece.rows for piece in found)), {"where_unit": how.where_unit or ""}
-    if listed is None:
+    if named is None:
         numbers, unit = _measured(found, "where", raw)
         return _rounded(numbers * how.where_scale, how), {"where_unit": how.where_unit or unit}
     by_axis = any("where" in piece.signal.axis_index for piece in found)
     values, unit = (
-        (np.arange(len(listed), dtype=np.float64), "") if are_names(listed) else as_numbers("where_values", listed)
+        (np.arange(len(named.entries), dtype=np.float64), "")
+        if are_names(named.entries)
+        else as_numbers("where_values", named.entries)
     )
-    index = _indices(found, "where", raw, listed, how.one_based and not by_axis)
+    index = _indices(found, "where", raw, named, how.one_based and not by_axis)
     return values[index] * how.where_scale, {"where_unit": how.where_unit or unit}
 
 
@@ -235,7 +247,7 @@ def _rounded(values: NDArray[np.float64], how: TapMap) -> NDArray[np.float64]:
     return values if how.where_round is None else np.round(values / how.where_round) * how.where_round + 0.0
 
 
-def _sessions(found: Sequence[Piece], how: TapMap) -> NDArray[np.int64]:
+def _sessions(found: Sequence[Piece], how: TapMap, beside: LabelTables) -> NDArray[np.int64]:
     """Session of each tap or row: whole numbers as they stand, others numbered; each source has its own."""
     raw, rows = _values(found, "session"), [piece.rows for piece in found]
     source = np.repeat([piece.file.source for piece in found], rows)
@@ -253,7 +265,10 @@ def _sessions(found: Sequence[Piece], how: TapMap) -> NDArray[np.int64]:
     if source.max() == 0 and len(numbers) == len(texts):
         return np.array(list(map(int, texts)))[which]
     order = np.argsort(sorted(range(len(texts)), key=lambda n: natural(texts[n])))
-    return np.unique(source * len(texts) + order[which], return_inverse=True)[1]
+    _, first, session = np.unique(source * len(texts) + order[which], return_index=True, return_inverse=True)
+    called = [f"{number} is {texts[which[row]]}" for number, row in enumerate(first.tolist())]
+    beside.told["session"] = f"Sessions: {shortened(called)}."
+    return session
 
 
 def _all_times(found: Sequence[Piece]) -> NDArray[np.float64]:

@@ -2,7 +2,7 @@
 
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ..recording import naming, runs
-from .file_rows import FileRows, file_rows, rows_by_field, rows_by_key
+from .file_rows import FileRows, counts_otherwise, file_rows, rows_by_field, rows_by_key
 from .files import SourceFile
 from .formats.contents import Contents, TextTable, Values
 from .formats.registry import open_contents
@@ -23,8 +23,6 @@ from .labels import ByOrder, Label, LabelSource
 from .patterns import filled
 
 _SEVERAL = re.compile(r"[,;\t|]")
-_HEADERS = {"what", "where", "name", "object", "label", "class", "position", "value", "id", "what_name", "where_value"}
-"""Of lists of names and positions; another first line is the first of them."""
 
 
 class TableColumn(NamedTuple):
@@ -58,6 +56,7 @@ class LabelTables:
         folders: Where they are looked for, in this order.
         how: How they are written.
         files: All files of the recording.
+        labels: Tables and columns of all labels.
         events: The table of presses, which rows of files do not share.
         time: The column of times, likewise.
         told: How each table was read, a sentence by its name.
@@ -66,6 +65,7 @@ class LabelTables:
     folders: Sequence[Path]
     how: TextTable
     files: Sequence[SourceFile] = ()
+    labels: Collection[tuple[str, str]] = ()
     events: str = ""
     time: str = ""
     told: dict[str, str] = field(default_factory=dict)
@@ -95,10 +95,12 @@ class LabelTables:
         """
         name, column = filled(source.name, file.fields), self.column(source, file)
         about = FileRows({}) if source.by == "order" else self._about(source, file)
+        keys = self.shared(source, file, contents)
+        about = FileRows({}) if keys and about.numbered else about
         among = np.array(about.rows.get(file.path, ()) if about.by else np.arange(len(column.values)), dtype=np.intp)
         if not len(among):
             raise InputError(f"{name} has no row for this file.")
-        keys, by = self.shared(source, file, contents), [about.by] * bool(about.by)
+        by = [about.by] * bool(about.by)
         if keys:
             by.append(f"its column{'s' * (len(keys) > 1)} {', '.join(keys)}")
             self.told[name] = f"{name} is read by {' and '.join(by)}, which the recording has as well."
@@ -113,15 +115,21 @@ class LabelTables:
         values = column.values[among]
         if len(values) == 1 and by:
             return str(values[0])
+        these = tuple(among.tolist())
+        beside = {key: of for key, of in column.texts_beside.items() if (source.name, key) not in self.labels}
+        counts = [key for key, of in beside.items() if not source.by and counts_otherwise(of[among])]
         alone = list(about.rows.values()).count(about.rows[file.path]) == 1 if by else len(self.files) == 1
-        if len(values) == rows and alone:
+        if len(values) == rows and alone and not counts:
             return values
-        return ByOrder(values, name, tuple(among.tolist()), _hint(source, column.name, about), bool(about.doubt))
+        if source.by or name == self.events:
+            return ByOrder(values, name, these)
+        hint = _hint(source, column.name, about, counts)
+        return ByOrder(values, name, these, hint, "rows" if counts else "files" if about.doubt else "")
 
     def _about(self, source: LabelSource, file: SourceFile) -> FileRows:
         """Rows of a table by file, and what tells so."""
         name = filled(source.name, file.fields)
-        path = self._place(name, file)
+        path = self.place(name, file)
         key = path, source.column or source.key, source.by, source.own
         if key not in self._by_file:
             column = self.column(source, file)
@@ -148,17 +156,6 @@ class LabelTables:
         rows = rows_by_key(source.by, key, files)
         return FileRows(rows, f"its column {source.by}") if any(rows.values()) else FileRows({})
 
-    def names(self, source: LabelSource, file: SourceFile) -> NDArray[Any]:
-        """Values of a column; of a list without a header all lines.
-
-        Raises:
-            InputError: As of `column`.
-        """
-        column = self.column(source, file)
-        if len(column.columns) > 1 or source.column or column.name.casefold().removesuffix("s") in _HEADERS:
-            return column.values
-        return np.array([column.name, *as_texts(column.values)])
-
     def shared(self, source: LabelSource, file: SourceFile, contents: Contents) -> dict[str, str]:
         """Columns of a table that tell its rows apart, beside that of the labels, and the variables of a file they are.
 
@@ -174,15 +171,16 @@ class LabelTables:
             return {} if about.by else {source.by: contents.named(source.own or source.by)}
         column = self.column(source, file)
         columns, apart = column.columns, (column.name, self.time)
-        among = about.rows.get(file.path, ()) if about.by else range(len(column.values))
-        both = [key for key in columns if key in contents.variables and key not in apart]
-        both = [key for key in both if len(contents.variables[key].shape) == 1 and not key.isdecimal()]
+        whole = not about.by or about.numbered
+        among = range(len(column.values)) if whole else about.rows.get(file.path, ())
+        own = {key: _alike(key, contents) for key in columns if key not in apart}
+        both = [key for key, of in own.items() if of and len(contents.variables[of].shape) == 1 and not key.isdecimal()]
         if len(among) < 2 or not both:
             return {}
         for number in range(1, len(both) + 1):
             texts = _joint([columns[key][list(among)] for key in both[:number]])
             if len(set(texts)) == len(texts):
-                return {key: key for key in both[:number]}
+                return {key: own[key] for key in both[:number]}
             if number == len(both) and 2 * len(set(texts)) >= len(texts):
                 twice = Counter(texts).most_common(1)[0][0]
                 raise InputError(f"the table has {', '.join(both)} {', '.join(twice)} in two rows.")
@@ -201,7 +199,7 @@ class LabelTables:
             InputError: There is no such table or column, or the table is damaged.
         """
         name = filled(source.name, file.fields)
-        path = self._place(name, file)
+        path = self.place(name, file)
         key = path, source.column, source.key
         if key not in self._known:
             whys = []
@@ -235,7 +233,12 @@ class LabelTables:
                 raise InputError(f"{column} has shape {contents.variables[column].shape}, so it is no column.")
         return TableColumn(column, columns[column], contents.variables[column].unit, columns, path)
 
-    def _place(self, name: str, file: SourceFile) -> Path:
+    def place(self, name: str, file: SourceFile) -> Path:
+        """Where a table is.
+
+        Raises:
+            InputError: There is none.
+        """
         folders = [file.path.parent, *self.folders]
         path = next((there for folder in folders if (there := folder / name).is_file()), None)
         if path is None:
@@ -244,14 +247,24 @@ class LabelTables:
         return path
 
 
-def _hint(source: LabelSource, column: str, about: FileRows) -> str:
+def _hint(source: LabelSource, column: str, about: FileRows, counts: Sequence[str]) -> str:
     """How a table may be read in another way."""
     name = f"{source.name}:{column}"
-    if source.by:
-        return ""
+    if counts:
+        return (
+            f"its column {counts[0]} counts its rows in another order; {name}:{counts[0]} reads it by the names of "
+            f"files, {name}:{counts[0]}=OWN by a column or field OWN of the recording, {name}:order in the order of "
+            "the taps"
+        )
     if about.doubt:
         return f"{about.doubt}; {name}:COLUMN reads it by these numbers, {name}:order in the order of the taps"
     return f"{name}:KEY=OWN compares its column KEY with a column or field OWN of the recording"
+
+
+def _alike(name: str, contents: Contents) -> str:
+    """The variable of a file that is called so, with large or small letters if only one is; empty if none is."""
+    found = [each for each in contents.variables if each.casefold() == name.casefold()]
+    return name if name in found else found[0] if len(found) == 1 else ""
 
 
 def _joint(columns: Sequence[NDArray[Any]]) -> list[tuple[str, ...]]:

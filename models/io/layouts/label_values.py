@@ -14,7 +14,7 @@ from .mapping import option
 from .patterns import number_in, unclear_comma
 
 LENGTHS_AND_ANGLES = {"m", "cm", "mm", "um", "µm", "nm", "in", "deg", "rad", "°"}
-_PLAIN = re.compile(r"[-+\u2212]?[\d.,]+(?:[eE][-+]?\d+)? ?(?:°|[^\W\d_]{1,3})?")
+PLAIN = re.compile(r"[-+\u2212]?[\d.,]+(?:[eE][-+]?\d+)? ?(?:°|[^\W\d_]{1,3})?")
 """A number alone or with a unit."""
 
 
@@ -63,7 +63,7 @@ def _as_number(text: str) -> tuple[float, str] | None:
 
 def are_names(listed: NDArray[Any]) -> bool:
     """Whether a list of objects or positions holds names, not numbers with or without a unit."""
-    return listed.dtype.kind in "US" and not all(map(_PLAIN.fullmatch, as_texts(listed)))
+    return listed.dtype.kind in "US" and not all(map(PLAIN.fullmatch, as_texts(listed)))
 
 
 def by_name(
@@ -85,7 +85,7 @@ def by_name(
     if are_names(listed) and len(number) < len(listed):
         raise InputError(f"{list_of} has a name twice: {', '.join(as_texts(listed))[:200]}.")
     texts, first, which = distinct(values)
-    if not are_names(listed) or all(map(_PLAIN.fullmatch, texts)):
+    if not are_names(listed) or all(map(PLAIN.fullmatch, texts)):
         return None
     for text, row in zip(texts, first.tolist(), strict=True):
         if text not in number:
@@ -98,7 +98,7 @@ _AFTER_LETTERS = re.compile(r"[^\W\d_](-?)\d")
 
 def _unclear_sign(texts: Sequence[str]) -> str | None:
     """A text such as `pos-2` beside others such as `pos2`, if there are any."""
-    called = (text for text in texts if not _PLAIN.fullmatch(text))  # an exponent has a sign of its own
+    called = (text for text in texts if not PLAIN.fullmatch(text))  # an exponent has a sign of its own
     signs = {text: found[1] for text in called if (found := _AFTER_LETTERS.search(text))}
     with_sign = [text for text, sign in signs.items() if sign]
     return with_sign[0] if with_sign and len(with_sign) < len(signs) else None

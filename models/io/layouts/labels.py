@@ -1,6 +1,6 @@
 """Where labels stand: in columns and arrays, in the names of files, in tables beside them."""
 
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from numpy.typing import NDArray
 
@@ -18,14 +18,18 @@ class ByOrder(NamedTuple):
         table: The table or array.
         rows: Which of its rows they are, the same for all files that share them.
         hint: What is said where there are more or fewer values than taps.
-        doubt: Whether the table may rather be read in another way.
+        doubt: `"rows"` if the table should be read in another way, `"files"` if it should where each file is a tap.
     """
 
     values: NDArray[Any]
     table: str
     rows: tuple[int, ...] = ()
     hint: str = ""
-    doubt: bool = False
+    doubt: Literal["", "files", "rows"] = ""
+
+
+LISTS = ("what_names", "where_values")
+"""Keys of names and positions that labels index."""
 
 
 class LabelSource(NamedTuple):
@@ -64,7 +68,8 @@ def label_source(key: str, text: str) -> LabelSource:
         return LabelSource(key, "file", "")
     parts = text.split(":")
     for number in range(1, len(parts) + 1):
-        if ENDINGS.get(ending(name := ":".join(parts[:number]))) in ("text", "npy"):
+        kind = ENDINGS.get(ending(name := ":".join(parts[:number])))
+        if kind in ("text", "npy") or (name.endswith(".json") and key in LISTS):
             column, _, by = ":".join(parts[number:]).partition(":")
             by, _, own = by.partition("=")
             return LabelSource(key, "table", name, column, by, own)

@@ -67,6 +67,16 @@ class Piece:
         """Number of taps or frames."""
         return len(self.signal.samples)
 
+    def labels_at(self, rows: NDArray[np.intp], **labels: Label) -> "Piece":
+        """Some of its taps or frames without their samples, with other labels where they are given."""
+        if not labels:
+            own = self.labels.items()
+            labels = {key: of[rows] if isinstance(of, np.ndarray) and len(of) == self.rows else of for key, of in own}
+        index = {key: of[rows] for key, of in self.signal.axis_index.items()}
+        times = self.time_s[rows] if self.time_s is not None and len(self.time_s) == self.rows else None
+        nothing = Signal(np.empty((len(rows), 1, 1)), index)
+        return replace(self, signal=nothing, labels=labels, time_s=times, row=self.row[rows])
+
 
 def pieces(files: Sequence[SourceFile], how: TapMap, tables: LabelTables, missing: Missing) -> Iterator[Piece]:
     """The pieces of all files, in their order; their samples are floats, which `missing` allows to be NaN.
@@ -83,9 +93,10 @@ def pieces(files: Sequence[SourceFile], how: TapMap, tables: LabelTables, missin
                 columns = first.setdefault(file.fields.get("taxel", ""), {})
                 yield _piece(of_columns(file, contents, how, tables, columns), tables, missing)
             else:
-                for names, fields in _arrays(how.taps or alone or "", file, contents):
+                arrays = _arrays(how.taps or alone or "", file, contents)
+                for names, fields in arrays:
                     whose = replace(file, fields=file.fields | fields)
-                    yield _piece(of_arrays(whose, names, contents, how, tables), tables, missing)
+                    yield _piece(of_arrays(whose, names, contents, how, tables, len(arrays)), tables, missing)
 
 
 def _only_array(contents: Contents) -> str | None:

@@ -12,7 +12,7 @@ from .columns import FirstColumns, agreeing, column_grid, taxel_columns, taxel_s
 from .files import SourceFile
 from .formats.contents import Contents, Values
 from .label_tables import LabelTables
-from .labels import Label, LabelSource, label_source
+from .labels import ByOrder, Label, LabelSource, label_source
 from .long_table import widened
 from .mapping import EXTRA, LABELS, PLANE, TapMap, option
 from .patterns import filled
@@ -91,6 +91,8 @@ def _in_file(name: str, read: "FileRead") -> Label:
         raise InputError(f"{name} has elements of different shapes, so it holds no labels.")
     if found.size == max(found.shape, default=1) or found.shape == read.signal.lengths:
         found = found.reshape(-1)
+    if len(found) == read.arrays > 1 and (read.how.tap == "file" or len(found) != len(read.signal.samples)):
+        return ByOrder(found, f"{read.file.path}: {name}")
     if found.ndim > 1:
         raise InputError(f"{name} has shape {found.shape}, expected one value for each tap.")
     return found if found.size != 1 else found.reshape(-1)[0].item()
@@ -109,6 +111,7 @@ class FileRead:
         values: The variables beside them.
         at: Rows of each taxel, shape (K, rows), of a long table.
         table_axes: Axes of the rows of a table, and of its columns; of the latter those of taxels change first.
+        arrays: How many arrays of the file are read, one after the other.
     """
 
     file: SourceFile
@@ -119,6 +122,7 @@ class FileRead:
     values: Mapping[str, Values]
     at: NDArray[np.intp] | None = None
     table_axes: tuple[str, ...] = ()
+    arrays: int = 1
 
     def of(self, name: str) -> Values:
         """The variable that a key of the map names."""
@@ -204,8 +208,10 @@ def _of_long_table(read: FileRead, first: FirstColumns) -> FileRead:
     return replace(read, signal=Signal(samples), values=values, at=at)
 
 
-def of_arrays(file: SourceFile, names: Sequence[str], contents: Contents, how: TapMap, tables: LabelTables) -> FileRead:
-    """Samples of one array, or of several side by side."""
+def of_arrays(
+    file: SourceFile, names: Sequence[str], contents: Contents, how: TapMap, tables: LabelTables, arrays: int
+) -> FileRead:
+    """Samples of one of some arrays of a file, or of several side by side."""
     further = _further(how, sources_of(how, file.fields), file, contents, tables)
     values, _ = contents.read([*dict.fromkeys([*names, *further])])
     frames = how.tap is not None or how.trigger is not None
@@ -214,7 +220,7 @@ def of_arrays(file: SourceFile, names: Sequence[str], contents: Contents, how: T
     signal = side_by_side(signals, names)
     if how.taxels is not None:
         signal = signal.with_taxels(taxel_slice(how))
-    return FileRead(file, contents, how, signal, names, values)
+    return FileRead(file, contents, how, signal, names, values, arrays=arrays)
 
 
 def _further(

@@ -16,7 +16,6 @@ from .label_tables import LabelTables
 from .labels import ByOrder, Label
 from .mapping import EXTRA, PLANE, TapMap, option
 from .pieces import Piece
-from .signal import Signal
 
 _TOGETHER = {
     "what": ("what", "what_names", "what_value"),
@@ -79,16 +78,7 @@ class StreamLabels:
         for number in np.unique(stream).tolist():
             piece, taps = self.pieces[number], stream == number
             labels = {key: self._of_piece(key, number, counted_in, taps, rows - bounds[number]) for key in piece.labels}
-            own = rows[taps] - bounds[number]
-            parts.append(
-                replace(
-                    piece,
-                    labels=labels,
-                    signal=Signal(np.empty((len(own), 1, 1))),
-                    time_s=None if piece.time_s is None else piece.time_s[own],
-                    row=piece.row[own],
-                )
-            )
+            parts.append(piece.labels_at(rows[taps] - bounds[number], **labels))
         found = joined_labels(parts, self.how, self.tables)
         return found if "session" in self.of_taps else replace(found, session=self.frames.session[rows])
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import scipy.io
 from hypothesis import given
 from hypothesis import strategies as st
 from solidtouch.models.errors import InputError
@@ -385,3 +386,71 @@ def test_a_table_of_one_file_does_not_number_it(tmp_path):
 def test_the_column_that_numbers_files_may_be_the_label(tmp_path):
     written(tmp_path, ["rec_7.txt", "rec_3.txt", "rec_12.txt"])
     assert found(tmp_path, "run\n3\n12\n7\n", what="labels.csv:run") == {0: "7", 1: "3", 2: "12"}
+
+
+@pytest.mark.parametrize(
+    "text", ["data/raw/{}.txt", "C:\\data\\raw\\{}.txt", "./{}.txt", "{}.bag", "/home/me/lab/{}", "DATA/{}.TXT"]
+)
+def test_names_of_files_may_have_folders_and_endings_of_the_author(tmp_path, text):
+    written(tmp_path, ["rec_a.txt", "rec_b.txt"])
+    assert found(tmp_path, f"file,thing\n{text.format('rec_b')},cup\n{text.format('rec_a')},rod\n") == {
+        0: "rod",
+        1: "cup",
+    }
+
+
+def test_folders_of_the_author_tell_files_of_one_name_apart(tmp_path):
+    written(tmp_path, ["x/1.txt", "y/1.txt"])
+    assert found(tmp_path, "file,thing\nlab/y/1.txt,cup\nlab/x/1.txt,rod\n") == {0: "rod", 1: "cup"}
+
+
+def test_labels_of_taps_that_are_empty_are_not_needed(tmp_path):
+    cells, at = np.empty(3, dtype=object), np.empty(3, dtype=object)
+    cells[:] = [np.full((2, 2), 1.0), np.empty((0, 0)), np.full((2, 2), 3.0)]
+    at[:] = [3.0, np.empty((0, 0)), 5.0]
+    scipy.io.savemat(tmp_path / "a.mat", {"x": cells, "at": at})
+
+    taps = load_mapped(tmp_path / "a.mat", TapMap(taps="x", axes="tap,sample,taxel", where="at", length=2)).taps
+
+    assert (taps.taps[:, 0, 0].tolist(), taps.where.tolist()) == ([1, 3], [3, 5])
+
+
+def test_an_array_has_a_label_for_each_of_the_arrays_of_a_file(tmp_path):
+    """In the natural order of their names."""
+    arrays = {f"tap_{n}": np.full((4, 2), n) for n in (1, 2, 10)}
+    np.savez(tmp_path / "a.npz", **arrays, thing=np.array(["cup", "rod", "pot"]))
+    how = TapMap(taps="tap_*", axes="sample,taxel", tap="file", what="thing")
+    taps = load_mapped(tmp_path / "a.npz", how).taps
+    assert [taps.what_name[m] for m in taps.what] == ["cup", "rod", "pot"]
+    assert taps.taps[:, 0, 0].tolist() == [1, 2, 10]
+
+
+@pytest.mark.parametrize("column", ["tap_id", "random order"])
+def test_a_table_with_its_rows_counted_in_another_order_is_refused_with_the_ways_out(tmp_path, column):
+    """As it may be shuffled, or a column of it may count something else."""
+    (tmp_path / "a.txt").write_text("tap,p\n0,0\n1,1\n2,2\n")
+    how = {"tap": "row", "taxels": "p", "files": "a.txt"}
+    table = f"{column},thing\n2,cup\n0,rod\n1,pot\n"
+    with pytest.raises(
+        InputError, match=rf"its column {column} counts its rows in another order; labels.csv:thing:{column} r"
+    ):
+        found(tmp_path, table, **how)
+    assert found(tmp_path, table, **how, what="labels.csv:thing:order") == {0: "cup", 1: "rod", 2: "pot"}
+    by_tap = f"labels.csv:thing:{column}=tap"
+    assert found(tmp_path, table, **how, what=by_tap) == {0: "rod", 1: "pot", 2: "cup"}
+    assert found(tmp_path, f"{column},thing\n0,cup\n1,rod\n2,pot\n", **how) == {0: "cup", 1: "rod", 2: "pot"}
+    (tmp_path / "labels.csv").write_text(table)
+    taps = load_mapped(tmp_path, TapMap(what="labels.csv:thing", where=f"labels.csv:{column}", **how)).taps
+    assert taps.where.tolist() == [2, 0, 1]  # it is a label itself
+
+
+def test_columns_of_both_may_differ_in_capitals(tmp_path):
+    (tmp_path / "a.txt").write_text("tap,p\n0,0\n1,1\n2,2\n")
+    table = "Tap,thing\n2,cup\n0,rod\n1,pot\n"
+    assert found(tmp_path, table, tap="row", taxels="p", files="a.txt") == {0: "rod", 1: "pot", 2: "cup"}
+
+
+def test_a_column_of_both_outweighs_the_numbers_of_files(tmp_path):
+    for number, sort in ((1, 2), (2, 1)):
+        (tmp_path / f"{number}.txt").write_text(f"id,p\n{sort},{number}\n{sort},{number}\n")
+    assert found(tmp_path, "id,thing\n1,cup\n2,rod\n", taxels="p") == {1: "rod", 2: "cup"}
