@@ -452,5 +452,5 @@ def test_columns_of_both_may_differ_in_capitals(tmp_path):
 
 def test_a_column_of_both_outweighs_the_numbers_of_files(tmp_path):
     for number, sort in ((1, 2), (2, 1)):
-        (tmp_path / f"{number}.txt").write_text(f"id,p\n{sort},{number}\n{sort},{number}\n")
+        (tmp_path / f"rec_{number}.txt").write_text(f"id,p\n{sort},{number}\n{sort},{number}\n")
     assert found(tmp_path, "id,thing\n1,cup\n2,rod\n", taxels="p") == {1: "rod", 2: "cup"}
