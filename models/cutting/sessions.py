@@ -19,6 +19,7 @@ _DATES = tuple(
         r"(?P<y>\d{4})([-/])(?P<m>\d{1,2})\2(?P<d>\d{1,2})(?!\d)",
         r"(?P<y>\d{4})(?P<m>\d{2})(?P<d>\d{2})(?=\D|$|\d{4}(?:\d\d)?(?!\d))",
         r"(?P<d>\d{1,2})\.(?P<m>\d{1,2})\.(?P<y>\d{4})(?!\d)",
+        r"(?P<y>\d{4})_(?P<m>\d{2})_(?P<d>\d{2})(?!\d)",
     )
 )
 
@@ -80,9 +81,10 @@ def number_by_date(values: ArrayLike) -> NDArray[np.int64]:
     """Number of each row's date, from 0 for the earliest; shape (n,).
 
     Args:
-        values: Dates or times as `datetime64`, or texts that contain one date: 2026-11-26, 2026/11/26, 20261126 or
-            26.11.2026, whatever follows, or numbers of s, ms, us or ns since 1970, of the years 1986 to 2096, of which
-            the dates of Greenwich count; shape (n,). The order of day and month in 11/12/2026 is not known.
+        values: Dates or times as `datetime64`, or texts that contain one date: 2026-11-26, 2026/11/26, 20261126,
+            26.11.2026 or 2026_11_26, whatever follows, or numbers of s, ms, us or ns since 1970, of the years 1986 to
+            2096, of which the dates of Greenwich count; shape (n,). The order of day and month in 11/12/2026 is not
+            known.
 
     Raises:
         InputError: A value is none of these.
@@ -108,4 +110,6 @@ def _date(text: str) -> date:
                 return date(int(found["y"]), int(found["m"]), int(found["d"]))
             except ValueError:
                 break
-    raise InputError(f"date: no date in {text!r:.60}; expected one such as 2026-11-26, 20261126 or 26.11.2026.")
+    raise InputError(
+        f"date: no date in {text!r:.60}; expected one such as 2026-11-26, 20261126, 26.11.2026 or 2026_11_26."
+    )

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 from ...errors import InputError, check_path
 from .formats.registry import ENDINGS, ending, unknown
@@ -81,11 +81,19 @@ def _below(path: Path, number: int, how: TapMap) -> Iterator[SourceFile]:
         yield from (SourceFile(path / name, name, number) for name in names if ending(name) in kinds)
         return
     pattern = compiled_pattern(how.files, "files (--files)")
-    matched = [(name, found) for name in names if (found := pattern.fullmatch(name))]
+    names = [name for name in names if not _is_table(name, how)]
+    matched = [
+        (name, found) for name in names if (found := pattern.fullmatch(_small_ending(name)) or pattern.fullmatch(name))
+    ]
     if not matched:
         shown = ", ".join(names[:_MOST_SHOWN]) or "none"
         raise InputError(f"{path}: none of {len(names)} files matches files (--files) {how.files!r}; files: {shown}.")
     yield from (SourceFile(path / name, name, number, found.groupdict()) for name, found in matched)
+
+
+def _small_ending(name: str) -> str:
+    """The name with its ending in small letters, as patterns of files have them."""
+    return name.removesuffix(PurePosixPath(name).suffix) + ending(name)
 
 
 def _is_table(name: str, how: TapMap) -> bool:

@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,13 +9,13 @@ from numpy.typing import NDArray
 
 from ..formats.contents import Contents, Variable
 from ..mapping import LABELS
-from .guess import CHECK, TAP_AXES, Guess, increases, is_number, like, plain, shape_of, size_of
+from .guess import CHECK, NAMES, TAP_AXES, Guess, increases, indices, is_number, like, plain, shape_of, size_of
 from .guess_names import name_pattern
 
-_NAMES = r"name|label|categor|class|object|material"
 _NO_OBJECT = re.compile(r"time|stamp|force|torque|joint|pose|accel|gyro|image|camera|position|velocity", re.IGNORECASE)
 """What groups of other quantities than those of an object are called."""
-_LIST_BYTES = 1 << 16
+_LOOKED, _SMOOTH = 64, 0.6
+"""Taps whose neighbouring samples are compared; samples differ by less than this share of what taxels do."""
 type _Shape = tuple[int | None, ...]
 
 
@@ -34,7 +33,7 @@ def array_guesses(
     variables = contents.variables
     if not variables:
         return []
-    name = max(variables, key=lambda each: (is_number(variables[each]), size_of(variables[each])))
+    name = max(variables, key=lambda of: (is_number(variables[of]), not like("time", _own(of)), size_of(variables[of])))
     alike, pattern, fields = _called_alike(name, variables)
     further = (other.variables[name].shape for other in others if name in other.variables)
     shapes = [variables[each].shape for each in alike] + list(further)
@@ -43,8 +42,11 @@ def array_guesses(
     vectors = _vectors(name, variables)
     rank, axis = len(variables[name].shape), _axis_of_vectors(variables[name], vectors)
     labels = [each for each, n in vectors.items() if rank and n == variables[name].shape[axis]]
-    times = [each for each in labels if like("time", plain(each))]
+    times = [each for each in labels if like("time", _own(each))]
     labels = [each for each in labels if each not in times]
+    if "trial" in keys and len(alike) > 1:  # what is beside each tap has a value for each sample
+        groups = {each.rpartition("/")[0] for each in alike} - {""}
+        labels = [each for each in labels if each.rpartition("/")[0] not in groups]
     one_each = len(alike) > 1 and {vectors[each] for each in labels} == {len(alike)}
     if rank == 2 and axis == 0 and times and increases(values.get(times[0], np.zeros(1))):
         found.append(Guess("time", times[0], f"its name, and one rising value for each of {shapes[0][0]} rows"))
@@ -55,10 +57,11 @@ def array_guesses(
         found += _one_tap(shapes)
         labels = []
     else:
-        found += _axes(variables[name], axis, vectors, values)
+        found += _axes(name, variables[name], axis, vectors, values)
+    found += _over_axes(found, variables, name)
     of_objects = any(guess.key == "axes" and guess.value.startswith("what") for guess in found)
     found += _labels(labels, vectors, of_objects and axis == 0)
-    found += [*_tables(found, contents, values)]
+    found += [*_tables(found, contents, values), *_valid(labels, values)]
     found = [guess for guess in found if guess.key not in keys]
     return _in_groups(found, name, pattern, fields, contents)
 
@@ -68,7 +71,7 @@ def _which(alike: Sequence[str], variables: Mapping[str, Variable]) -> str:
     if len(alike) < 2:
         return "the largest array of numbers"
     lists = [each for each, of in variables.items() if each not in alike and _length(of) == len(alike)]
-    lists = [each for each in lists if not like("time", plain(each)) and len(variables[alike[0]].shape) < len(TAP_AXES)]
+    lists = [each for each in lists if not like("time", _own(each)) and len(variables[alike[0]].shape) < len(TAP_AXES)]
     told = f"; {lists[0]} has one value for each: write those into a table, what = TABLE.csv" if lists else ""
     return f"{len(alike)} large arrays of numbers, called alike{told}"
 
@@ -76,6 +79,8 @@ def _which(alike: Sequence[str], variables: Mapping[str, Variable]) -> str:
 def _each_a_tap(rank: int, several: int, keys: set[str], of_names: bool) -> bool:
     """Whether each of several arrays or files is one tap."""
     told = of_names or bool(keys & {"what", "where", "x", "trial"})
+    if rank == len(TAP_AXES):
+        return several > 1 and "trial" in keys
     return rank in (1, 2) and several > 1 and told and ("taxel" not in keys or rank == 1)
 
 
@@ -84,6 +89,9 @@ def _one_tap(shapes: Sequence[_Shape]) -> Iterator[Guess]:
     yield Guess("tap", "file", "each array is one tap, if it is")
     if len(shapes[0]) == 1:
         yield Guess("axes", "sample", "numbers one after the other")
+        return
+    if len(shapes[0]) == len(TAP_AXES):
+        yield Guess("axes", "sample,taxel,taxel", f"shape {' x '.join(map(str, shapes[0]))}; {CHECK}")
         return
     differ = [len({shape[axis] for shape in shapes if len(shape) == len(shapes[0])}) > 1 for axis in (0, 1)]
     if differ == [False, True]:
@@ -98,36 +106,52 @@ def _one_tap(shapes: Sequence[_Shape]) -> Iterator[Guess]:
 
 
 def _axes(
-    signal: Variable, axis: int, vectors: Mapping[str, int], values: Mapping[str, NDArray[Any]]
+    name: str, signal: Variable, axis: int, vectors: Mapping[str, int], values: Mapping[str, NDArray[Any]]
 ) -> Iterator[Guess]:
     """The axes of an array, where this is that of taps, and times along that of samples."""
     rank, rest = len(signal.shape), [i for i in range(len(signal.shape)) if i != axis]
     rising = {
-        each: n for each, n in vectors.items() if like("time", plain(each)) and increases(values.get(each, np.zeros(1)))
+        each: n for each, n in vectors.items() if like("time", _own(each)) and increases(values.get(each, np.zeros(1)))
     }
     timed = {each: [i for i in rest if signal.shape[i] == n] for each, n in rising.items()}
     timed = {each: found[0] for each, found in timed.items() if len(found) == 1}
     if timed and rank in (2, 3):
-        name, at = next(iter(timed.items()))
-        yield Guess("time", name, f"its name, and one rising value for each of {signal.shape[at]} samples")
+        time, at = next(iter(timed.items()))
+        yield Guess("time", time, f"its name, and one rising value for each of {signal.shape[at]} samples")
+    beside = [values[each] for each, n in vectors.items() if n == signal.shape[axis] and each in values]
+    repeated = any(len(np.unique(of)) < of.size for of in beside)
     unknown = [i for i in rest if i and signal.shape[i] is None]
     told = [*timed.values(), *(unknown if len(unknown) == 1 else [])]
     if rank == len(TAP_AXES):
-        at = told[0] if told else rest[0]
+        smooth = None if told or axis else _smooth_axis(values.get(name), rest)
+        at = told[0] if told else rest[0] if smooth is None else smooth
         names = ",".join("tap" if i == axis else "sample" if i == at else "taxel" for i in range(rank))
         reason = (
             f"shape {shape_of(signal)}; {CHECK}" if not told else "the axis of samples has times or differs in length"
         )
+        if smooth is not None:
+            reason = f"shape {shape_of(signal)}; neighbours are more alike along the axis of samples; check"
         if not told or names != ",".join(TAP_AXES):
             yield Guess("axes", names, reason)
     else:
-        yield Guess("axes", _other_axes(rank, axis), f"shape {shape_of(signal)}; {CHECK}")
+        yield Guess("axes", _other_axes(rank, axis, signal.shape, repeated), f"shape {shape_of(signal)}; {CHECK}")
     if None in signal.shape[1:]:
         yield Guess("length", "longest", "its elements differ in length")
 
 
-def _other_axes(rank: int, axis: int) -> str:
-    """Axes of so many, where this is that of taps."""
+def _smooth_axis(samples: NDArray[Any] | None, axes: Sequence[int]) -> int | None:
+    """The one of two axes along which neighbours differ clearly less; `None` if neither does."""
+    if samples is None or min(samples.shape) < 2:
+        return None
+    rough = [float(np.nanmean(np.abs(np.diff(samples[:_LOOKED], axis=axis)))) for axis in axes]
+    return axes[int(np.argmin(rough))] if min(rough) < _SMOOTH * max(rough) else None
+
+
+def _other_axes(rank: int, axis: int, shape: _Shape, of_taps: bool) -> str:
+    """Axes of so many, where this is that of taps; beside a grid of taxels the longest one is of samples."""
+    if rank == len(TAP_AXES) + 1 and of_taps and not axis:
+        longest = max(range(1, rank), key=lambda at: shape[at] or 0)
+        return ",".join("tap" if at == 0 else "sample" if at == longest else "taxel" for at in range(rank))
     if rank > 4:
         return ",".join([*("what", "where", "trial", "session")[: rank - 2], "sample", "taxel"])
     if rank == 1:
@@ -141,10 +165,10 @@ def _labels(labels: Sequence[str], vectors: Mapping[str, int], of_objects: bool)
     """Labels of taps, or of objects along an axis, among arrays with one value for each."""
     found = []
     if of_objects:
-        names = [each for each in labels if re.search(_NAMES, each, re.IGNORECASE)]
+        names = [each for each in labels if re.search(NAMES, each, re.IGNORECASE)]
         return [Guess("what_names", each, f"one for each of {vectors[each]} objects") for each in names[:1]]
     for key in LABELS:
-        fitting = [each for each in labels if like(key, plain(each))]
+        fitting = [each for each in labels if like(key, _own(each))]
         if fitting:
             found.append(Guess(key, fitting[0], f"its name, and one value for each of {vectors[fitting[0]]} taps"))
     if len(labels) == 1 and not any(guess.key == "what" for guess in found):
@@ -155,12 +179,18 @@ def _labels(labels: Sequence[str], vectors: Mapping[str, int], of_objects: bool)
 def _tables(found: Sequence[Guess], contents: Contents, values: Mapping[str, NDArray[Any]]) -> Iterator[Guess]:
     """Names of objects that indices refer to, and positions where indices count from 1."""
     variables, called = contents.variables, {guess.key: guess.value for guess in found}
-    index = _indices(called, values)
+    axes = str(called.get("axes", "")).split(",")
+    if "where" in axes and (n := variables[called["taps"]].shape[axes.index("where")]):
+        fitting = [
+            each for each, of in variables.items() if is_number(of) and size_of(of) == n and like("where", _own(each))
+        ]
+        yield from (Guess("where_values", each, "as many numbers as positions") for each in fitting[:1])
+    index = indices(called, values)
     if "what" not in index:
         return
     low, top = int(index["what"].min()), int(index["what"].max())
     texts = {name: of.shape[0] for name, of in variables.items() if of.dtype.kind == "U" and of.shape}
-    names = [name for name, n in texts.items() if n in (top, top + 1) and re.search(_NAMES, name, re.IGNORECASE)]
+    names = [name for name, n in texts.items() if n in (top, top + 1) and re.search(NAMES, name, re.IGNORECASE)]
     if not names:
         return
     yield Guess("what_names", names[0], "as many texts as objects")
@@ -170,38 +200,24 @@ def _tables(found: Sequence[Guess], contents: Contents, values: Mapping[str, NDA
     if "where" in index and index["where"].min() == 1:
         others = [name for name, of in variables.items() if name != called["where"] and is_number(of)]
         fitting = [name for name in others if size_of(variables[name]) == index["where"].max()]
-        places = [name for name in fitting if like("where", plain(name))]
+        places = [name for name in fitting if like("where", _own(name))]
         yield from (Guess("where_values", name, "as many numbers as positions") for name in places[:1])
 
 
-def _indices(called: Mapping[str, Any], values: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    """Values of objects and positions that are finite numbers."""
-    names = {key: called[key] for key in ("what", "where") if isinstance(called.get(key), str)}
-    index = {key: values[name] for key, name in names.items() if name in values}
-    return {key: of for key, of in index.items() if of.dtype.kind in "iuf" and of.size and np.isfinite(of).all()}
+def _over_axes(found: Sequence[Guess], variables: Mapping[str, Variable], name: str) -> Iterator[Guess]:
+    """Positions with one value for each element of the axes before samples and taxels."""
+    axes = next((guess.value.split(",") for guess in found if guess.key == "axes"), [])
+    shape = variables[name].shape[: axes.index("sample")] if "sample" in axes else ()
+    if len(shape) > 1 and "where" not in axes:
+        fitting = [each for each, of in variables.items() if of.shape == shape and like("where", _own(each))]
+        yield from (Guess("where", each, "its name, and its axes") for each in fitting[:1])
 
 
-def names_beside(
-    path: Path, found: Sequence[Guess], contents: Contents, values: Mapping[str, NDArray[Any]]
-) -> Iterator[Guess]:
-    """A list of the names of objects in a file of text beside the recording, where objects are numbers."""
-    called = {guess.key: guess.value for guess in found}
-    if "what_names" in called:
-        return
-    axes, lowest, count = str(called.get("axes", "")).split(","), 0, 0
-    if (index := _indices(called, values).get("what")) is not None:
-        lowest, count = int(index.min()), int(index.max()) + 1
-    elif "what" in axes and called.get("taps") in contents.variables:
-        count = contents.variables[called["taps"]].shape[axes.index("what")] or 0
-    for file in sorted(path.parent.glob("*.txt")):
-        if count < 2 or not re.search(_NAMES, file.stem, re.IGNORECASE) or file.stat().st_size > _LIST_BYTES:
-            continue
-        lines = [line for line in file.read_text("utf-8", errors="replace").splitlines() if line.strip()]
-        if len(lines) == count - (lowest == 1):
-            yield Guess("what_names", file.name, f"{len(lines)} lines, one for each object")
-            if lowest == 1:
-                yield Guess("one_based", True, f"{called['what']} runs from 1 to {len(lines)}")
-            return
+def _valid(labels: Sequence[str], values: Mapping[str, NDArray[Any]]) -> Iterator[Guess]:
+    """What says which taps are valid."""
+    truths = [each for each in labels if re.search(r"\bis ?valid|\bvalid", _own(each), re.IGNORECASE)]
+    truths = [each for each in truths if each in values and set(np.unique(values[each]).tolist()) == {0, 1}]
+    yield from (Guess("keep", each, "truth values of taps") for each in truths[:1])
 
 
 def _vectors(name: str, variables: Mapping[str, Variable]) -> dict[str, int]:
@@ -213,7 +229,7 @@ def _vectors(name: str, variables: Mapping[str, Variable]) -> dict[str, int]:
 
 def _axis_of_vectors(signal: Variable, vectors: Mapping[str, int]) -> int:
     """The axis that is as long as most of the arrays with one axis that hold no times: that of taps."""
-    lengths = [n for each, n in vectors.items() if not like("time", plain(each))]
+    lengths = [n for each, n in vectors.items() if not like("time", _own(each))]
     counts = [lengths.count(n) if n and n > 1 else 0 for n in signal.shape]
     return int(np.argmax(counts)) if counts else 0
 
@@ -229,18 +245,25 @@ def _called_alike(name: str, variables: Mapping[str, Variable]) -> tuple[list[st
 
     Their names differ in numbers, or in the texts of groups as well; shapes differ in one axis at most.
     """
-    shape, depth = variables[name].shape, name.count("/")
+    shape, depth = variables[name].shape, len(re.findall("[/.]", name))
     same = [each for each, of in variables.items() if is_number(of) and _fits(of.shape, shape)]
-    same = [each for each in same if each.count("/") == depth]
-    by_text = [each for each in same if _stem(each.rpartition("/")[2]) == _stem(name.rpartition("/")[2])]
+    same = [each for each in same if len(re.findall("[/.]", each)) == depth]
+    by_text = [each for each in same if _stem(re.split("[/.]", each)[-1]) == _stem(re.split("[/.]", name)[-1])]
     by_number = [each for each in by_text if _stem(each) == _stem(name)]
-    if any(_NO_OBJECT.search(each.rpartition("/")[0]) for each in by_text):
+    if any(_NO_OBJECT.search(re.sub("[^/.]*$", "", each)) for each in by_text):
         by_text = by_number
-    for alike in (by_text, by_number):
+    if any(map(_NO_OBJECT.search, same)) or not re.search(r"\d", name):
+        same = by_text
+    for alike in (same, by_text, by_number):
         pattern, fields = name_pattern(alike, of_taps=len(shape) < len(TAP_AXES))
-        if pattern:
+        if pattern and (alike is by_text or alike is by_number or {"what", "trial"} <= {guess.key for guess in fields}):
             return alike, pattern, fields
     return [name], name, []
+
+
+def _own(name: str) -> str:
+    """The name of an array without those of its groups and structs, its words apart."""
+    return plain(re.split(r"[/.]", name)[-1])
 
 
 def _stem(name: str) -> str:
@@ -264,11 +287,12 @@ def _in_groups(found: list[Guess], name: str, pattern: str, fields: Sequence[Gue
         beside = groups and parts[: len(groups)] == groups
         changed.append(guess._replace(value="".join([*fielded, *parts[len(groups) :]])) if beside else guess)
     taken = {guess.key for guess in (*changed, *fields)}
-    mine = [each.partition("@")[2] for each in contents.attributes if each.partition("@")[0] == name]
+    owners = {"/".join(name.split("/")[:n]): "/".join(pattern.split("/")[:n]) for n in range(1, name.count("/") + 2)}
+    mine = [(owners[of], each) for of, _, each in (text.partition("@") for text in contents.attributes) if of in owners]
     for key in LABELS:
-        fitting = [each for each in mine if like(key, plain(each))]
+        fitting = [f"{of}@{each}" for of, each in mine if like(key, plain(each))]
         if key not in taken and fitting:
-            changed.append(Guess(key, f"{pattern}@{fitting[0]}", "an attribute of each array, by its name"))
+            changed.append(Guess(key, fitting[-1], "an attribute of each array or group, by its name"))
     return [*changed, *fields]
 
 

@@ -25,6 +25,13 @@ _TAXEL = re.compile(r"taxels?|channels?|ch|kanal|sensors?|fingers?|(?:finger)?ti
 _FINGERS = {"thumb", "index", "middle", "ring", "little", "pinky", "palm"}
 _SPLITS = {"train", "training", "test", "testing", "val", "valid", "validation", "dev", "eval"}
 _LETTERS = re.compile(r"[^\W\d_]*")
+_LENGTHS = {"mm", "cm", "deg", "grad", "um", "µm", "m"}
+_SESSIONS = 8
+"""Files of which each has a number of its own are taps rather than sessions if they are more."""
+_WORD = 3
+"""Letters of a word that is no abbreviation, such as that of a position."""
+NOT_USED = "not used"
+"""Key of what no line of a map takes."""
 
 
 class _Word(NamedTuple):
@@ -54,6 +61,12 @@ class _Word(NamedTuple):
     def called(self) -> str:
         """What it is called in the names."""
         return self.letters or self.before
+
+    @property
+    def of_size(self) -> bool:
+        """Whether a number goes with the name of an object, as in `rod4mm`."""
+        is_label = any(like(key, self.letters) for key in ("where", "session", "trial"))
+        return len(self.letters) >= _WORD and not is_label and not self.tells_taxel
 
     @property
     def numbers(self) -> bool:
@@ -103,7 +116,7 @@ def _pattern(
     found = _plane(words)
     for strict in (True, False):
         for word in words.values():
-            left_out = (whole and _tells_nothing(word)) or (word.dates and not with_dates)
+            left_out = (whole and _tells_nothing(word)) or (word.dates and not with_dates) or _counts(word, words)
             if word.values not in found and not left_out:
                 taken = {guess.key for guess in found.values()}
                 key, reason = _field(word, taken, strict=strict, of_taps=of_taps)
@@ -114,6 +127,8 @@ def _pattern(
         for i, column in enumerate(columns)
     ]
     fields = [_by_date(guess, values) for values, guess in found.items()]
+    unused = [word.values for word in words.values() if fields and word.values not in found]
+    fields += [Guess(NOT_USED, shown(_distinct(values)), "which no field takes", of_names=True) for values in unused]
     return "".join(pieces), fields, {guess.value[1:-1]: values for values, guess in found.items()}
 
 
@@ -156,6 +171,20 @@ def _tells_nothing(word: _Word) -> bool:
     return not word.numbers and len(set(word.values)) > len(word.values) // 2
 
 
+def _counts(word: _Word, words: Mapping[int, _Word]) -> bool:
+    """Whether numbers only count the texts of another part, as in `01_cork` and `02_felt`."""
+    if not word.numbers or word.letters or word.dates:
+        return False
+    if len(set(word.values)) == len(word.values):
+        return False
+    texts = [set(zip(word.values, other.values, strict=True)) for other in words.values() if not other.numbers]
+    return any(len(set(word.values)) == len(pairs) == len({text for _, text in pairs}) for pairs in texts)
+
+
+def _distinct(values: Sequence[str]) -> list[str]:
+    return sorted(set(values), key=natural)
+
+
 def _piece(word: _Word, guess: Guess | None) -> str:
     """A part of the pattern."""
     if guess is None:
@@ -185,8 +214,10 @@ def _field(word: _Word, taken: set[str], *, strict: bool, of_taps: bool) -> tupl
     What letters, units and dates tell comes first (`strict`); other numbers are the trial if they are the last ones,
     else the position or the session.
     """
-    reason = shown(sorted(set(word.values), key=natural))
+    reason = shown(_distinct(word.values))
     wanted = _told(word)
+    if {value.lower() for value in word.values} <= _SPLITS:
+        reason += ", which are numbered in this order"
     if not strict and word.numbers:
         others = ["trial", "where", "session"] if word.last else ["where", "session", "trial"]
         wanted += others if of_taps else ["session", "trial"]
@@ -194,6 +225,11 @@ def _field(word: _Word, taken: set[str], *, strict: bool, of_taps: bool) -> tupl
         wanted.append("what")
     taken = taken | ({"where"} if "x" in taken else set())
     key = next((key for key in wanted if key not in taken), "")
+    short = all(len(value) == 1 for value in word.values)
+    if key == "what" and short:
+        reason += "; check whether these are objects"
+    if key == "where" and (key not in _told(word) or not word.called):
+        reason += "; check whether these are positions"
     return (key, f"numbers {reason}" if key in ("where", "trial") else reason) if key else ("", "")
 
 
@@ -209,18 +245,23 @@ def _told(word: _Word) -> list[str]:
         is_session = like("session", hint) or {value.lower() for value in values} <= _SPLITS
         return ["session" if is_session else "what"]
     units = {number[1] for value in values if (number := number_in(value)) is not None}
-    letters = {re.sub(r"[\d.,+-]", " ", value).split(" ")[0].lower() for value in values}
+    first = {re.sub(r"[\d.,+-]", " ", value).split(" ")[0] for value in values}
+    letters = {each.lower() for each in first}
     found: list[str] = []
     if like("what", called) or called.lower() == "obj":
         found.append("what")
-    if like("session", hint) or letters in ({"s"}, {"d"}):
+    several = len(values) > _SESSIONS and len(values) == len(word.values)
+    if (like("session", hint) and not several) or letters in ({"s"}, {"d"}) or first == {"P"}:
         found.append("session")
+    if several and like("session", hint):
+        found.append("trial")
     clock = word.after_date and all(map(_CLOCK.fullmatch, values))
-    if clock or like("trial", called) or (letters <= {"t", "r", "n"} and "" not in letters):
+    if clock or like("trial", called) or like("tap", called) or (letters <= {"t", "r", "n"} and "" not in letters):
         found.append("trial")
     decimals = any("." in value or "," in value for value in values)
-    if units & {"mm", "cm", "deg", "um", "µm", "m"} or letters == {"p"} or decimals or like("where", called):
-        found.append("where")
+    measured = bool(units & _LENGTHS) or decimals
+    if measured or letters == {"p"} or like("where", called):
+        found.append("what" if measured and word.of_size else "where")
     return found
 
 

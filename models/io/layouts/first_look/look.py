@@ -4,6 +4,7 @@ import json
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -13,14 +14,18 @@ from numpy.typing import NDArray
 from ....errors import InputError, check_path, counted, printable
 from ...untrusted import in_bytes
 from ..assemble import read_mapped
-from ..files import SourceFile, is_folder, kinds_of, names_below, source_files
-from ..formats.contents import Contents, Variable
+from ..files import SourceFile, is_folder, names_below, source_files
+from ..formats.contents import Contents, Variable, name_and_unit
 from ..formats.objects import REST
-from ..formats.registry import ending, open_contents
+from ..formats.registry import ENDINGS, ending, open_contents
+from ..formats.text import TextContents
 from ..mapping import TapMap
-from .guess import Guess, as_floats, column_guesses, shape_of, size_of
-from .guess_arrays import array_guesses, names_beside
-from .guess_names import name_pattern
+from ..patterns import FIELDS, compiled_pattern, fields_of, is_pattern
+from ..tap_set import load_mapped
+from .beside import bytes_of, file_groups, files_guesses, is_row, names_beside, tables_beside
+from .guess import Guess, as_list, rate_guess, shape_of, size_of
+from .guess_arrays import array_guesses
+from .guess_columns import column_guesses
 
 _MOST_NAMES, _MOST_VARIABLES, _MOST_ATTRIBUTES = 6, 40, 12
 _COMPARED = 6
@@ -31,6 +36,12 @@ _SMALL = 1 << 27
 """Bytes of arrays that are read to show their range."""
 _BLOCKS = 4
 """Blocks of a table or of messages that are read for it."""
+_BEGIN, _MOST_SKIPPED, _MOST_LEFT = 1 << 14, 60, 8
+_RAGGED, _LONG = re.compile(r"taps have (\d+) to (\d+) samples; say their length"), 200
+"""Taps of different lengths, and the samples of a tap that may be a whole stream."""
+_IN_ORDER, _BY_NUMBER = "is read in the order of the taps", "is read by numbers in the names of files"
+_CLOSE = 0.1
+"""Distances of positions below this share of the largest are noise."""
 _TRIED = 1 << 28
 """Bytes of files whose map is tried."""
 
@@ -46,58 +57,157 @@ def look(sources: Sequence[str | Path], how: TapMap) -> str:
         InputError: A file is missing or cannot be opened.
     """
     paths = [check_path(source) for source in sources]
-    lines: list[str] = []
     for path in paths:
-        lines += _files(path)
-    kinds = {} if how.files is not None else _kinds(paths)
-    kind = max(kinds, key=lambda each: kinds[each], default=None)
-    files = source_files(paths, how if kind is None else how.changed(files=f"**/*{kind}"))
-    guesses: list[Guess] = []
-    if how.files is None and (len(files) > 1 or len(kinds) > 1):
-        pattern, guesses = name_pattern([file.below for file in files])
-        guesses.insert(0, Guess("files", pattern or f"**/*{kind}", counted(len(files), "file")))
-    written, contents = _opened(files[0].path, how)
+        if not path.exists():
+            raise InputError(f"{path}: no such file.")
+    lines = [line for path in paths for line in _files(path)]
+    groups, guesses = [], []
+    if how.files is None and any(map(is_folder, paths)):
+        how, groups = file_groups(paths, how, guesses)
+    files = groups[0] if groups else source_files(paths, how)
+    written, contents = _opened(files[0].path, how, guesses)
     values = _read(contents)
-    if not written.header and how.header:
-        guesses.append(Guess("header", False, "numbers in the first row"))
-    if (comma := _with_comma(values, how)) is not None:
+    if (comma := _with_comma(values, written)) is not None:
         guesses.append(comma)
         written = written.changed(decimal=",")
-        contents = open_contents(files[0].path, written.text_table, how.format, _BLOCKS)
+        contents = open_contents(files[0].path, written.text_table, written.format, _BLOCKS)
         values = _read(contents)
     lines += ["", f"{files[0].below}:", *_held(contents, values)]
     others = [open_contents(file.path, written.text_table, how.format, _BLOCKS) for file in _compared(files, contents)]
     lines += _differences(others[:1], contents, files[1:2])
-    guesses += _inside(contents, values, others, guesses)
+    of_names: list[Guess] = []
+    for of_taps in (True, False):
+        of_names = files_guesses(files, groups, of_taps) if groups and how.files is None else []
+        inside = list(_inside(contents, values, others, of_names))
+        if any(guess.key == "tap" and guess.value == "file" for guess in inside):
+            break
+    guesses += [*of_names, *inside]
     guesses += names_beside(files[0].path, guesses, contents, values)
     guesses = [guess for guess in guesses if guess.of_names or getattr(how, guess.key) == getattr(TapMap(), guess.key)]
-    size = sum(file.path.stat().st_size for file in files)
+    tables, told, spare = tables_beside(files, groups[1:], guesses, values, written)
+    size = sum(map(bytes_of, (file.path for file in files)))
     if size > _TRIED or REST in contents.unreadable:
         result = f"This map was not tried on {in_bytes(size)}."
+        told += map(_line, tables)
     else:
-        whole = how.changed(**{guess.key: guess.value for guess in guesses if not guess.of_names})
-        result = f"With this map: {_tried(sources, whole)}"
+        guesses, result, also = _tried_with(sources, how, guesses, tables, spare)
+        told += also
+    told += _not_used(_whole(how, guesses), contents)
     comments = (f"# {line}".rstrip() for line in map(printable, lines))
-    return "\n".join([*comments, "", *_map(how, guesses), f"# {result}", ""])
+    notes = (f"# {line}".rstrip() for line in map(printable, [*told, result]))
+    return "\n".join([*comments, "", *_map(how, guesses), *notes, ""])
 
 
-def _opened(path: Path, how: TapMap) -> tuple[TapMap, Contents]:
-    """A file, and the map that opens it: a table whose columns hold numbers may have no header.
+def _whole(how: TapMap, guesses: Sequence[Guess]) -> TapMap:
+    return how.changed(**{guess.key: guess.value for guess in guesses if not guess.of_names})
+
+
+def _tried_with(
+    sources: Sequence[str | Path], how: TapMap, guesses: list[Guess], tables: list[Guess], spare: bool
+) -> tuple[list[Guess], str, list[str]]:
+    """Guesses, with those of tables beside the files if they fit; what that gives, and what else may be told.
+
+    Taps that differ in length are cut to the shortest. A table in the order of the taps is doubtful if it has further
+    columns (`spare`).
+    """
+    keys = {guess.key for guess in tables}
+    joined = [*(guess for guess in guesses if guess.key not in keys), *tables]
+    result, fits = _tried(sources, _whole(how, joined))
+    if (ragged := _RAGGED.search(result)) is not None and int(ragged[2]) <= _LONG:
+        shortest = Guess("length", "shortest", f"taps have {ragged[1]} to {ragged[2]} samples")
+        return _tried_with(sources, how, [*guesses, shortest], tables, spare)
+    doubtful = (spare and _IN_ORDER in result) or (
+        "trigger" in {guess.key for guess in joined} and _BY_NUMBER in result
+    )
+    if not tables or (fits and not doubtful):
+        return joined, result, []
+    alone, without = _tried(sources, _whole(how, guesses))
+    if not without:
+        return joined, result, []
+    return guesses, alone, [*map(_line, tables), result.replace("With this map", "With these lines")]
+
+
+def _line(guess: Guess) -> str:
+    return f"Perhaps: {guess.key} = {_toml(guess.value)} ({guess.reason})"
+
+
+def _not_used(how: TapMap, contents: Contents) -> Iterator[str]:
+    """Columns and arrays that no key of a map names."""
+    texts = [text for key in how.__struct_fields__ for text in as_list(getattr(how, key)) if isinstance(text, str)]
+    texts += [part for text in texts for part in re.split(r"[:=<>!]+", text)]
+    columns, used = list(contents.columns), set(texts)
+    fields = (*FIELDS, "sample")
+    patterns = [
+        compiled_pattern(text, "", fields) for text in texts if is_pattern(text) and _fields_known(text, fields)
+    ]
+    for text in as_list(how.taxels):
+        begin, colon, end = str(text).partition(":")
+        if colon and begin.isdecimal() and end.isdecimal():
+            used |= set(columns[int(begin) : int(end)])
+    left = [
+        name
+        for name in contents.variables
+        if not {name, name_and_unit(name)[0]} & used and not any(each.fullmatch(name) for each in patterns)
+    ]
+    if left:
+        shown_names = ", ".join(left[:_MOST_LEFT]) + (f", ... ({len(left)})" if len(left) > _MOST_LEFT else "")
+        yield f"Not used: {shown_names}."
+
+
+def _fields_known(text: str, fields: Sequence[str]) -> bool:
+    return set(fields_of(text)) <= set(fields) and text.count("{") == len(re.findall(r"\{\w+\}", text))
+
+
+def _opened(path: Path, how: TapMap, guesses: list[Guess]) -> tuple[TapMap, Contents]:
+    """A file, and the map that opens it, with guesses of how a table is written.
+
+    A first row of numbers is no header, and lines before a table have other cells.
 
     Raises:
         InputError: It cannot be opened.
     """
-    free = how.changed(header=False)
     try:
-        return how, open_contents(path, how.text_table, how.format, _BLOCKS)
+        contents = open_contents(path, how.text_table, how.format, _BLOCKS)
     except InputError:
-        try:
-            contents = open_contents(path, free.text_table, how.format, _BLOCKS)
-        except InputError:
-            contents = None
-        if contents is None or not contents.table or any(as_floats(of) is None for of in _read(contents).values()):
+        found = _opened_below(path, how)
+        if found is None:
             raise
-        return free, contents
+        written, contents = found
+    else:
+        written = how
+        if isinstance(contents, TextContents) and how.header and is_row(contents.columns):
+            written = how.changed(header=False)
+            contents = open_contents(path, written.text_table, how.format, _BLOCKS)
+    reasons = {"comment": "lines before the table", "skip_rows": "lines before the table"}
+    reasons |= {"decimal": "decimal commas", "header": "numbers in the first row"}
+    changed = [key for key in reasons if getattr(written, key) != getattr(how, key)]
+    guesses += [Guess(key, getattr(written, key), reasons[key]) for key in changed]
+    return written, contents
+
+
+def _opened_below(path: Path, how: TapMap) -> tuple[TapMap, Contents] | None:
+    """A table of text below other lines or without a header, with a column of numbers; `None` where there is none."""
+    if (how.format or ENDINGS.get(ending(path.name))) != "text" or how.skip_rows:
+        return None
+    try:
+        begin = path.read_bytes()[:_BEGIN].lstrip()
+    except OSError:
+        return None
+    mark = next((mark for mark in ("#", "%", "//", ";") if begin.startswith(mark.encode())), None)
+    starts = [{"skip_rows": n} for n in range(min(_MOST_SKIPPED, begin.count(b"\n")))]
+    for start in [{"comment": mark}, *starts] if mark and not how.comment else starts:
+        for decimal, header in product({how.decimal: None, ",": None}, (True, False)):
+            written = how.changed(**start, decimal=decimal, header=header)
+            try:
+                contents = open_contents(path, written.text_table, how.format, _BLOCKS)
+            except InputError:
+                continue
+            kinds = [of.dtype.kind for of in contents.variables.values()]
+            if is_row(contents.columns) if header else any(kind != "f" for kind in kinds[1:]):
+                continue
+            if "f" in kinds and (len(kinds) > 1 or not start.get("skip_rows")):
+                return written, contents
+    return None
 
 
 def _with_comma(values: Mapping[str, NDArray[Any]], how: TapMap) -> Guess | None:
@@ -120,14 +230,21 @@ def _inside(
     """What the contents of the first of one or several files may mean, beside what the names of files do."""
     named = {guess.key for guess in known}
     tells = bool(named & {"trial", "what", "x"})
-    found = column_guesses(contents, values) if contents.table else array_guesses(contents, values, others, tells)
+    found = (
+        column_guesses(contents, values, named) if contents.table else array_guesses(contents, values, others, tells)
+    )
     if contents.table and "trial" in named:
-        found = [guess for guess in found if guess.key != "tap"]
+        found = [guess for guess in found if guess.key != "tap" or guess.value == "row"]
     inside = [guess for guess in found if guess.key not in named]
-    yield from inside
     keys = named | {guess.key for guess in inside}
-    cut = {"tap", "taps"} if contents.table else {"tap"} if "time" in keys else keys
-    if not keys & cut and others and tells:
+    yield from inside
+    if any(guess.key == "time" and guess.value in ("ms", "us", "ns") for guess in inside):
+        yield Guess("time_unit", next(guess.value for guess in inside if guess.key == "time"), "its name")
+    if "time" not in keys and (rate := rate_guess(contents, values)) is not None:
+        yield rate
+    cut = {"tap", "taps", "axes"} if contents.table else {"tap"} if "time" in keys else keys
+    labels = [values[guess.value] for guess in inside if guess.key in ("what", "where") and str(guess.value) in values]
+    if not keys & cut and others and tells and all(len(np.unique(of)) == 1 for of in labels):
         yield Guess("tap", "file", "each file is one tap, if it is")
 
 
@@ -143,27 +260,6 @@ def _files(path: Path) -> Iterator[str]:
     yield from (f"  {name}" for name in names[:_MOST_NAMES])
     if len(names) > _MOST_NAMES:
         yield f"  ... and {len(names) - _MOST_NAMES} more"
-
-
-def _kinds(paths: Sequence[Path]) -> dict[str, int]:
-    """Bytes of the files of each known kind below folders; empty without folders.
-
-    Raises:
-        InputError: There is no such file in one of them.
-    """
-    found = Counter[str]()
-    for path in filter(is_folder, paths):
-        names = names_below(path)
-        kinds = kinds_of(path, names)
-        for name in names:
-            if (kind := ending(name)) in kinds:
-                found[kind] += _bytes(path / name)
-    return dict(found)
-
-
-def _bytes(path: Path) -> int:
-    """Size of a file, or of a store of Zarr."""
-    return sum(each.stat().st_size for each in path.rglob("*")) if path.is_dir() else path.stat().st_size
 
 
 def _read(contents: Contents) -> dict[str, NDArray[Any]]:
@@ -239,27 +335,41 @@ def _map(how: TapMap, guesses: Sequence[Guess]) -> Iterator[str]:
             yield f"{guess.key} = {_toml(guess.value)}  # {guess.reason}"
 
 
-def _tried(sources: Sequence[str | Path], how: TapMap) -> str:
-    """What a map gives, in a sentence."""
+def _tried(sources: Sequence[str | Path], how: TapMap) -> tuple[str, bool]:
+    """What a map gives, in a sentence, and whether it gives anything."""
     try:
-        recording = read_mapped(sources, how).recording
+        if how.trigger is None:
+            recording, told = (mapped := read_mapped(sources, how)).recording, mapped.left_out
+            labels, shape, stream = recording.labels, recording.samples.shape, recording.is_stream
+        else:
+            labels, told = load_mapped(sources, how)
+            shape, stream = labels.samples.shape, False
     except InputError as error:
-        return printable(str(error))
-    labels, shape = recording.labels, recording.samples.shape
-    names = ("frame", "taxel") if recording.is_stream else ("tap", "sample", "taxel")
+        return f"With this map: {printable(str(error))}", False
+    names = ("frame", "taxel") if stream else ("tap", "sample", "taxel")
     rows, *size = map(counted, shape, names)
-    kind = f"{rows} of streams: cut them with trigger" if recording.is_stream else rows
+    kind = f"{rows} of streams: cut them with trigger" if stream else rows
     counts = {"object": len(labels.what_name), "position": len(np.unique(labels.where))}
     counts["session"] = len(np.unique(labels.session))
     whole = f"{kind}, {' x '.join(size)}, {', '.join(counted(n, name) for name, n in counts.items())}."
-    return whole if recording.is_stream else f"{whole}{_doubts(shape, counts['object'])}"
+    doubts = "" if stream else _doubts(shape, labels.what_name, labels.where)
+    told = [text for text in told if "do not match files" not in text]
+    return " ".join(["With this map:", f"{whole}{doubts}", *told]), True
 
 
-def _doubts(shape: Sequence[int], objects: int) -> str:
+def _doubts(shape: Sequence[int], names: Sequence[str], where: NDArray[Any]) -> str:
     """What makes a map doubtful that gives taps."""
     doubts = [f"each tap has 1 {name}" for name, n in zip(("sample", "taxel"), shape[1:], strict=True) if n == 1]
-    if objects == shape[0] > 1:
+    if len(names) == 1:
+        doubts.append("nothing tells objects apart")
+    if len(names) == shape[0] > 1:
         doubts.append("there are as many objects as taps")
+    twice = Counter(name.casefold() for name in names).most_common(1)[0]
+    if twice[1] > 1:
+        doubts.append(f"objects are called {twice[0]} with large and small letters")
+    steps = np.diff(np.unique(where))
+    if len(steps) > 1 and steps.min() < _CLOSE * steps.max():
+        doubts.append(f"some positions are {steps.min():.2g} apart, others {steps.max():.2g}: where_round rounds them")
     return f" Doubtful: {' and '.join(doubts)}." if doubts else ""
 
 

@@ -45,16 +45,16 @@ _OPENERS = {
 _READ_AT_ONCE = {"jsonl", "mcap"}
 """Formats whose files are read, wholly or in part, when they are opened."""
 ROS1 = "messages of ROS 1 are not read; rosbags-convert --src IN.bag --dst OUT --dst-storage mcap makes those of ROS 2"
-_WAYS_OUT = {
+WAYS_OUT = {
     ".bag": ROS1,
     ".db3": "rosbag2 in SQLite is not read; ros2 bag convert -i IN -o OUT.yaml, with storage_id: mcap, or mcap convert "
     "IN.db3 OUT.mcap makes an MCAP file of it",
 }
-_WAYS_OUT |= dict.fromkeys((".xlsx", ".xls", ".ods"), "spreadsheets are not read; save the sheet as CSV")
-_WAYS_OUT |= dict.fromkeys(
+WAYS_OUT |= dict.fromkeys((".xlsx", ".xls", ".ods"), "spreadsheets are not read; save the sheet as CSV")
+WAYS_OUT |= dict.fromkeys(
     (".gz", ".zip", ".7z", ".rar", ".tar", ".tgz", ".bz2", ".xz"), "archives are not read; unpack it"
 )
-_WAYS_OUT |= dict.fromkeys(
+WAYS_OUT |= dict.fromkeys(
     (".pkl", ".pickle", ".pt", ".pth", ".joblib"),
     "pickled objects are never read, as they can run code; save its arrays with np.savez",
 )
@@ -68,7 +68,7 @@ def ending(name: str) -> str:
 
 def unknown(path: Path, names: Iterable[str], otherwise: str) -> InputError:
     """Refusal of a file, or of a folder with these files, with what to do if files of their kind are never read."""
-    ways_out = (text for name in names if (text := _WAYS_OUT.get(ending(name.removesuffix(".zstd")))))
+    ways_out = (text for name in names if (text := WAYS_OUT.get(ending(name.removesuffix(".zstd")))))
     return InputError(f"{path}: {next(ways_out, otherwise)}.")
 
 

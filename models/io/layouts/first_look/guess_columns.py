@@ -1,0 +1,395 @@
+"""Guesses what the columns of a table mean."""
+
+import re
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
+from itertools import takewhile
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....cutting.sessions import GAP_STEPS
+from ....errors import counted
+from ..formats.contents import Contents
+from ..patterns import number_in
+from ..times import UNITS, time_unit, told_of_rate, unit_since_1970
+from .guess import (
+    CHECK,
+    CLOCK,
+    FEW,
+    SIGNAL,
+    TAP_AXES,
+    WORDS,
+    Guess,
+    as_floats,
+    as_list,
+    increases,
+    is_number,
+    like,
+    plain,
+    seconds_of,
+)
+
+_TAXEL = re.compile(r"(taxel|channel|kanal|sensor|electrode|ch|fsr)s?( ?(id|no|nr|number|index|name))?", re.IGNORECASE)
+"""What a column of the numbers or names of taxels is called."""
+_VALUE = re.compile(rf"value|wert|reading|{SIGNAL}", re.IGNORECASE)
+_DIGITS = re.compile(r"-?\d[\d.,]*")
+"""A cell that looks like a number, which the map may still have to be told how to read."""
+_NUMBERING = r"\b(id|nr|no|number|num|nummer|index|idx|n)\b"
+"""What columns that number taps are called."""
+_PRESSED = r"contact|trigger|switch|sync|press(?!ure)|touched|kontakt"
+"""What a column is called that says when a finger presses."""
+_ALIKE, _ROW = 3, 8
+"""Columns that are called alike, and columns of numbers of a row that is a tap, at least."""
+_SMOOTH = 0.6
+"""Neighbours along samples differ by less than this share of the spread."""
+
+
+def column_guesses(
+    contents: Contents, values: Mapping[str, NDArray[Any]], named: Set[str] = frozenset()
+) -> list[Guess]:
+    """What the columns of a table may mean.
+
+    Args:
+        contents: The table.
+        values: Its columns that could be read.
+        named: Keys of the map that the names of files tell.
+    """
+    columns = {name: each for name, each in values.items() if each.ndim == 1}
+    taxel = next((name for name, each in columns.items() if _tells_taxel(name, each)), None)
+    if taxel is not None:
+        rows = columns[taxel] == columns[taxel][0]
+        columns = {name: each[rows] for name, each in columns.items() if name != taxel}
+    clocks = {name for name, each in columns.items() if each.dtype.kind == "U" and seconds_of(each) is not None}
+    numeric = {name for name, each in columns.items() if name not in clocks and as_floats(each) is not None}
+    alike = numeric | {name for name in columns.keys() - numeric if _all_hold_a_number(columns[name])}
+    numbered = _numbered(columns, numeric)
+    written = {name for name, each in columns.items() if each.size and _DIGITS.fullmatch(str(each[0]))}
+    labels = {name: of for name, of in columns.items() if name not in numbered}
+    guesses = _labels(labels, alike, clocks, written)
+    lists = [name for name, each in contents.variables.items() if len(each.shape) > 1 and is_number(each)]
+    if lists:
+        guesses.pop("tap", None)
+        return [*guesses.values(), *_of_lists(lists, contents, values)]
+    if wide := list(_wide(columns, numeric, numbered, guesses)):
+        return [*guesses.values(), *wide]
+    if "tap" not in guesses and "trial" in guesses and _repeats(columns[guesses["trial"].value]):
+        guesses["tap"] = Guess("tap", guesses["trial"].value, "its values stay the same for many rows")
+    if "tap" not in guesses:
+        guesses |= {guess.key: guess for guess in _counted_taps(columns, numeric, guesses)}
+    guesses |= {guess.key: guess for guess in _between_taps(guesses.get("tap"), columns)}
+    if all(map(str.isdecimal, columns)):
+        guesses |= {guess.key: guess for guess in _whole_numbers(columns) if guess.key not in named}
+    used = {name for name in columns if like("time", plain(name))}
+    used |= {name for guess in guesses.values() for name in as_list(guess.value)}
+    stems = Counter(re.sub(r"\d+", "#", name) for name in numeric)
+    alone = [name for name in numeric if name.isdecimal() or stems[re.sub(r"\d+", "#", name)] == 1]
+    used |= {name for name in alone if _only_counts(columns[name])}
+    if "tap" not in guesses:
+        guesses |= {guess.key: guess for guess in _signal({name: columns[name] for name in numeric - used})}
+        used |= {guess.value for guess in guesses.values() if guess.key == "signal"}
+    free = [name for name in columns if name in numeric | written and name not in used]
+    if taxel is not None and free:
+        return [*guesses.values(), *_of_long_table(taxel, free)]
+    taxels = _taxels(free, contents)
+    return [*guesses.values(), *([] if taxels is None else [taxels])]
+
+
+def _labels(
+    columns: Mapping[str, NDArray[Any]], alike: Set[str], clocks: Set[str], written: Set[str]
+) -> dict[str, Guess]:
+    """Time, tap and labels by names, by texts and by places.
+
+    Args:
+        columns: Those that may be labels.
+        alike: Columns of numbers, also in texts.
+        clocks: Columns of clock times.
+        written: Columns that begin with what looks like a number.
+    """
+    guesses = _labels_by_name(columns, alike)
+    if "time" not in guesses and (rising := [name for name in clocks if increases(columns[name])]):
+        guesses["time"] = Guess("time", rising[0], _steps(rising[0], columns[rising[0]]))
+    if (second := _other_axis(guesses.get("where"), columns)) is not None:
+        guesses = {key: guess for key, guess in guesses.items() if guess.value != second}
+        guesses["where"] = Guess("where", [guesses["where"].value, second], "the names of two axes of a plane")
+    texts = {name: len(np.unique(each)) for name, each in columns.items() if name not in alike | written}
+    texts = {name: n for name, n in texts.items() if 1 < n <= _few(columns[name])}
+    others = [name for name in texts if name not in clocks and not like("where", plain(name))]
+    if "what" not in guesses and others:
+        guesses["what"] = Guess("what", others[0], f"texts, {texts[others[0]]} different ones")
+    if "where" not in guesses:
+        guesses |= {guess.key: guess for guess in _named_places(texts, columns)}
+    if "time" in guesses and "session" not in guesses:
+        guesses |= {guess.key: guess for guess in _days(guesses["time"].value, columns)}
+    return guesses
+
+
+def _numbered(columns: Iterable[str], numeric: Set[str]) -> set[str]:
+    """Columns of numbers that are called alike but for their numbers, at least three; those are no labels."""
+    stems: dict[str, list[str]] = {}
+    for name in columns:
+        if name in numeric and re.search(r"\d", name):
+            stems.setdefault(re.sub(r"\d+", "#", name), []).append(name)
+    return {name for members in stems.values() if len(members) >= _ALIKE for name in members}
+
+
+def _wide(
+    columns: Mapping[str, NDArray[Any]], numeric: Set[str], numbered: Set[str], guesses: Mapping[str, Guess]
+) -> Iterator[Guess]:
+    """Tables whose rows or columns are taps: columns numbered as taps, or rows with labels that change often."""
+    stems = {re.sub(r"\d+", "#", name) for name in numbered}
+    if len(stems) == 1 and any(like(key, plain(next(iter(stems)))) for key in ("tap", "trial")):
+        yield Guess("taxels", stems.pop().replace("#", "*"), f"{len(numbered)} columns numbered as taps")
+        yield Guess("axes", "sample,tap", "a column for each tap of one taxel")
+        return
+    whole = [name for name in numeric if _is_class(columns[name])] if all(map(str.isdecimal, columns)) else []
+    label = guesses["what"].value if "what" in guesses else min(whole, default=None, key=int)
+    if {"time", "tap"} & guesses.keys() or label is None or _repeats(columns[label]):
+        return
+    pairs = {name: re.findall(r"\d+", name) for name in numbered}
+    if len(stems) == 1 and all(len(found) == 2 for found in pairs.values()):
+        counts = [len({found[i] for found in pairs.values()}) for i in (0, 1)]
+        fields = ("taxel", "sample") if _sample_last(next(iter(stems)), counts) else ("sample", "taxel")
+        pattern = stems.pop().replace("#", "{%s}", 1).replace("#", "{%s}", 1) % fields
+        yield Guess("tap", "row", f"{label} changes from row to row")
+        yield Guess("taxels", pattern, f"{len(numbered)} columns of two numbers; {CHECK.replace('axis', 'number')}")
+        return
+    apart = {label, *(each for guess in guesses.values() for each in as_list(guess.value))}
+    names = [name for name in columns if name in (numeric if whole else numbered or numeric) and name not in apart]
+    if len(names) < _ROW:
+        return
+    if whole:
+        yield Guess("what", label, "whole numbers that repeat; check whether they are objects")
+    yield Guess("tap", "row", f"{label} changes from row to row")
+    at = [list(columns).index(name) for name in names]
+    joined = at == list(range(at[0], at[-1] + 1))
+    yield Guess("taxels", f"{at[0]}:{at[-1] + 1}" if joined else names, f"{len(names)} columns of numbers")
+    if _smooth(np.stack([as_floats(columns[name]) for name in names], axis=1)):  # pyright: ignore - all are numbers
+        yield Guess("axes", "tap,sample", "neighbours are alike: samples of one taxel; without this line, taxels")
+
+
+def _is_class(values: NDArray[Any]) -> bool:
+    """Whether these are few whole numbers from 0 or 1."""
+    distinct = np.unique(as_floats(values))  # pyright: ignore - they are numbers
+    return 1 < len(distinct) <= _few(values) and distinct[0] in (0, 1) and bool((np.diff(distinct) == 1).all())
+
+
+def _sample_last(stem: str, counts: Sequence[int]) -> bool:
+    """Whether the second of two numbers in names of columns is that of a sample, by a t before it or their counts."""
+    before = [part.rstrip("_.-[( ").lower() for part in stem.split("#")[:2]]
+    timed = [part.endswith(("t", "time", "sample")) for part in before]
+    return timed[1] if timed[0] != timed[1] else counts[1] > counts[0]
+
+
+def _smooth(rows: NDArray[np.float64]) -> bool:
+    """Whether neighbours in a row differ less than others do."""
+    return bool(np.nanmean(np.abs(np.diff(rows, axis=1))) < _SMOOTH * np.nanmean(np.abs(rows - np.nanmean(rows))))
+
+
+def _of_long_table(taxel: str, free: Sequence[str]) -> Iterator[Guess]:
+    """The column that tells taxels, and that of values, which is among these."""
+    called = [name for name in free if _VALUE.search(plain(name))]
+    yield Guess("taxel", taxel, "its name, and rows that repeat its values: a row for each sample of each taxel")
+    yield Guess("taxels", [(called or free)[-1]], "a column of values")
+
+
+def _few(values: NDArray[Any]) -> int:
+    """How many different values of so many rows can be labels."""
+    return min(FEW, max(2, len(values) // 2))
+
+
+def _between_taps(tap: Guess | None, columns: Mapping[str, NDArray[Any]]) -> Iterator[Guess]:
+    """What leaves out rows between taps, which have a number below 0 or none."""
+    if (
+        tap is None
+        or (floats := as_floats(columns[tap.value])) is None
+        or (floats >= 0).all()
+        or not (floats >= 0).any()
+    ):
+        return
+    yield Guess(
+        "keep",
+        f"{tap.value}>=0",
+        f"rows between taps have {'no number' if np.isnan(floats).any() else 'negative ones'}",
+    )
+
+
+def _whole_numbers(columns: Mapping[str, NDArray[Any]]) -> Iterator[Guess]:
+    """Taps and objects of a table without a header: whole numbers that repeat, beside others that have decimals."""
+    floats = {name: of for name, each in columns.items() if (of := as_floats(each)) is not None}
+    rising = [name for name, of in floats.items() if len(of) > _ROW and (np.diff(of) > 0).all()]
+    times = [name for name in rising if not _only_counts(floats[name])]
+    yield from (Guess("time", name, f"{_steps(name, floats[name])}; check whether it is a time") for name in times[:1])
+    whole = [name for name, of in floats.items() if _is_class(of) or _counts(of)]
+    if len(whole) == len(floats):
+        return
+    for key in ("tap", "what"):
+        name = next((each for each in whole if key == "what" or _counts(floats[each])), None)
+        if name is not None:
+            whole.remove(name)
+            yield Guess(key, name, "whole numbers that repeat; check whether they mean this")
+
+
+def _counted_taps(
+    columns: Mapping[str, NDArray[Any]], numeric: Set[str], guesses: Mapping[str, Guess]
+) -> Iterator[Guess]:
+    """The column that numbers taps one after the other, by what numbers are called."""
+    used = {guess.value for guess in guesses.values() if isinstance(guess.value, str)}
+    for name in [name for name in columns if name in numeric - used and re.search(_NUMBERING, plain(name), re.I)]:
+        if (floats := as_floats(columns[name])) is not None and _counts(floats):
+            yield Guess("tap", name, "it counts, and stays the same for many rows; check whether these are taps")
+            return
+
+
+def _only_counts(values: NDArray[Any]) -> bool:
+    """Whether numbers rise by the same step throughout, as those of rows or samples do."""
+    floats = as_floats(values)
+    steps = np.zeros(0) if floats is None else np.unique(np.diff(floats))
+    return len(values) > _ROW and len(steps) == 1 and steps[0] >= 1
+
+
+def _signal(columns: Mapping[str, NDArray[Any]]) -> Iterator[Guess]:
+    """A column of two values that rises at each press, and the samples of the shortest press."""
+    for name in [name for name in columns if re.search(_PRESSED, plain(name), re.IGNORECASE)]:
+        floats = as_floats(columns[name])
+        if floats is not None and len(levels := np.unique(floats)) == 2 and floats[0] == levels[0]:
+            change = np.flatnonzero(np.diff(floats)) + 1
+            starts, ends = change[::2], change[1::2]
+            if len(ends) > 1:
+                yield Guess("trigger", "signal", f"{name} rises {len(starts)} times")
+                yield Guess("signal", name, "its name, and two values")
+                shortest = int((ends - starts[: len(ends)]).min())
+                yield Guess("window", shortest, "samples of the shortest press; check")
+                return
+
+
+def _counts(values: NDArray[np.float64]) -> bool:
+    """Whether each of several rows has the same number, and the next ones that after it."""
+    return _repeats(values) and set(np.diff(values)) == {0.0, 1.0}
+
+
+def _named_places(texts: Iterable[str], columns: Mapping[str, NDArray[Any]]) -> Iterator[Guess]:
+    """A column of the names of positions, and these in their order of appearance."""
+    for name in [name for name in texts if like("where", plain(name))][:1]:
+        yield Guess("where", name, "its name, and texts")
+        places = list(dict.fromkeys(columns[name].tolist()))
+        yield Guess("where_values", places, "positions in order of appearance; put neighbours side by side")
+
+
+def _tells_taxel(name: str, values: NDArray[Any]) -> bool:
+    """Whether a column tells the taxel of each row of a long table: it repeats few names, or all numbers of a range."""
+    if not _TAXEL.fullmatch(plain(name)) or not 1 < len(distinct := np.unique(values)) <= _few(values):
+        return False
+    floats = as_floats(distinct)
+    return floats is None or (floats.min() in (0, 1) and set(floats - floats.min()) == set(range(len(floats))))
+
+
+def _days(time: str, columns: Mapping[str, NDArray[Any]]) -> Iterator[Guess]:
+    """A session for each date of times."""
+    if columns[time].dtype.kind == "U" and CLOCK.match(columns[time][0]):
+        days = len({text[:10] for text in columns[time].tolist()})
+        if days > 1:
+            yield Guess("session", f"date:{time}", f"times of {days} days")
+
+
+def _labels_by_name(columns: Mapping[str, NDArray[Any]], numbers: Set[str]) -> dict[str, Guess]:
+    """Time, tap and labels among columns, by their names and the number of their values.
+
+    Args:
+        columns: Their values.
+        numbers: Columns of numbers, also in texts.
+    """
+    guesses: dict[str, Guess] = {}
+    for key, name in ((key, name) for key in WORDS for name in columns):
+        each = columns[name]
+        if key in guesses or not like(key, plain(name)) or ("time" in guesses and guesses["time"].value == name):
+            continue
+        distinct, few = len(np.unique(each)), _few(each)
+        most = {"what": few, "session": few, "where": FEW}.get(key, len(each))
+        fits = increases(each) if key == "time" else name in numbers or key in ("what", "session")
+        if fits and distinct <= most:
+            reason = _steps(name, each) if key == "time" else f"its name, and {distinct} different values"
+            guesses[key] = Guess(key, name, reason)
+    return guesses
+
+
+def _of_lists(lists: Sequence[str], contents: Contents, values: Mapping[str, NDArray[Any]]) -> Iterator[Guess]:
+    """Which column of lists holds the samples, and what to do where they differ in length."""
+    name = next((name for name in lists if re.search(SIGNAL, plain(name), re.IGNORECASE)), lists[0])
+    yield Guess("taps", name, "lists of numbers")
+    if name not in values:
+        yield Guess("length", "longest", "its lists differ in length")
+    if len(contents.variables[name].shape) == len(TAP_AXES):
+        yield Guess("axes", ",".join(TAP_AXES), f"lists of lists; {CHECK}")
+
+
+def _steps(name: str, values: NDArray[Any]) -> str:
+    """How a time increases, and what is doubtful of it."""
+    steps = np.diff(as_floats(values))  # pyright: ignore - it is one of numbers
+    usual = float(np.nanmedian(steps))
+    gaps = int(np.count_nonzero((steps <= 0) | (steps > GAP_STEPS * usual)))
+    unit = "s" if values.dtype.kind == "U" else time_unit(name, "") or unit_since_1970(values) or "s"
+    doubt = told_of_rate(1 / (usual * UNITS[unit]), unit) if usual > 0 else ""
+    return f"it increases by {usual:g}{f', with {counted(gaps, "gap")}' if gaps else ''}{f'; {doubt}' if doubt else ''}"
+
+
+def _other_axis(where: Guess | None, values: Mapping[str, NDArray[Any]]) -> str | None:
+    """The column y beside a column x of positions."""
+    found = None if where is None else re.fullmatch(r"(.*[./])?x\b(.*)", re.sub("_", " ", where.value), re.IGNORECASE)
+    if where is None or found is None:
+        return None
+    at = found.start(2) - 1
+    wanted = f"{where.value[:at]}y{where.value[at + 1 :]}".lower()
+    return next((name for name, of in values.items() if name.lower() == wanted and len(np.unique(of)) <= FEW), None)
+
+
+def _taxels(names: Sequence[str], contents: Contents) -> Guess | None:
+    """The largest group of columns of numbers that differ only in their numbers, or are called like signals."""
+    groups: dict[str, list[str]] = {}
+    for name in names:
+        groups.setdefault(re.sub(r"\d+", "#", name), []).append(name)
+    called = [name for name in names if re.search(SIGNAL, plain(name), re.IGNORECASE)]
+    most = max(map(len, groups.values()), default=0)
+    large = {stem: members for stem, members in groups.items() if len(members) == most}
+    called = _of_one_unit(called, contents)
+    if most > 1 and most * len(large) >= len(called):
+        members = [name for name in names if re.sub(r"\d+", "#", name) in large]
+        stem = next(iter(large)) if len(large) == 1 else _common(list(large))
+        reason = f"{f'{len(large)} times ' * (len(large) > 1)}{most} columns numbered alike"
+        return Guess("taxels", _pattern(stem, members, contents), reason)
+    if called:
+        return Guess("taxels", called, "names of signals")
+    return Guess("taxels", list(names), "all other columns of numbers") if names else None
+
+
+def _of_one_unit(names: list[str], contents: Contents) -> list[str]:
+    """The columns in the unit of most of them."""
+    units = Counter(contents.variables[name].unit for name in names).most_common(1)
+    return [name for name in names if contents.variables[name].unit == units[0][0]]
+
+
+def _common(stems: list[str]) -> str:
+    """What stems begin and end with, and a sign for the rest between."""
+    begin = "".join(each[0] for each in takewhile(lambda each: len(set(each)) == 1, zip(*stems, strict=False)))
+    ends = [stem[len(begin) :][::-1] for stem in stems]
+    end = "".join(each[0] for each in takewhile(lambda each: len(set(each)) == 1, zip(*ends, strict=False)))
+    return f"{begin}*{end[::-1]}"
+
+
+def _pattern(stem: str, members: list[str], contents: Contents) -> str | list[str]:
+    """A pattern of columns that are called alike, or their names where it stands for others, too."""
+    pattern = stem.replace("#", "*")
+    exact = [name for name in contents.variables if re.fullmatch(re.escape(pattern).replace(r"\*", ".*"), name)]
+    return pattern if exact == members else members
+
+
+def _all_hold_a_number(texts: NDArray[Any]) -> bool:
+    """Whether few different texts have one number each, and all with one unit."""
+    distinct = np.unique(texts).tolist()[: FEW + 1]
+    found = {None if (each := number_in(text)) is None else each[1] for text in distinct}
+    return len(distinct) <= FEW and len(found) == 1 and None not in found
+
+
+def _repeats(values: NDArray[Any]) -> bool:
+    return bool(len(values) > 2 * (1 + np.count_nonzero(values[1:] != values[:-1])))
