@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ....cutting.sessions import GAP_STEPS
 from ....errors import counted
-from ..formats.contents import Contents
+from ..formats.contents import Contents, name_and_unit
 from ..patterns import number_in
 from ..times import UNITS, time_unit, told_of_rate, unit_since_1970
 from .guess import (
@@ -140,8 +140,7 @@ def _wide(
     """Tables whose rows or columns are taps: columns numbered as taps, or rows with labels that change often."""
     stems = {re.sub(r"\d+", "#", name) for name in numbered}
     if len(stems) == 1 and any(like(key, plain(next(iter(stems)))) for key in ("tap", "trial")):
-        yield Guess("taxels", stems.pop().replace("#", "*"), f"{len(numbered)} columns numbered as taps")
-        yield Guess("axes", "sample,tap", "a column for each tap of one taxel")
+        yield Guess("taxels", stems.pop().replace("#", "{trial}"), f"{len(numbered)} columns numbered as taps")
         return
     whole = [name for name in numeric if _is_class(columns[name])] if all(map(str.isdecimal, columns)) else []
     label = guesses["what"].value if "what" in guesses else min(whole, default=None, key=int)
@@ -326,11 +325,13 @@ def _of_lists(lists: Sequence[str], contents: Contents, values: Mapping[str, NDA
 
 def _steps(name: str, values: NDArray[Any]) -> str:
     """How a time increases, and what is doubtful of it."""
-    steps = np.diff(as_floats(values))  # pyright: ignore - it is one of numbers
+    floats = np.zeros(0) if (found := as_floats(values)) is None else found
+    steps, clock = np.diff(floats), values.dtype.kind == "U" and seconds_of(values) is not None
     usual = float(np.nanmedian(steps))
     gaps = int(np.count_nonzero((steps <= 0) | (steps > GAP_STEPS * usual)))
-    unit = "s" if values.dtype.kind == "U" else time_unit(name, "") or unit_since_1970(values) or "s"
-    doubt = told_of_rate(1 / (usual * UNITS[unit]), unit) if usual > 0 else ""
+    stated = time_unit(name, name_and_unit(name)[1]) or (name if name in UNITS else "")
+    unit = "s" if clock else stated or unit_since_1970(floats) or "s"
+    doubt = told_of_rate(1 / (usual * UNITS[unit]), unit) if usual > 0 and unit in UNITS else ""
     return f"it increases by {usual:g}{f', with {counted(gaps, "gap")}' if gaps else ''}{f'; {doubt}' if doubt else ''}"
 
 

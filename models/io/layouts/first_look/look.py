@@ -242,9 +242,10 @@ def _inside(
         yield Guess("time_unit", next(guess.value for guess in inside if guess.key == "time"), "its name")
     if "time" not in keys and (rate := rate_guess(contents, values)) is not None:
         yield rate
+    grid = any(guess.key == "taxels" and "{" in str(guess.value) for guess in inside)
     cut = {"tap", "taps", "axes"} if contents.table else {"tap"} if "time" in keys else keys
     labels = [values[guess.value] for guess in inside if guess.key in ("what", "where") and str(guess.value) in values]
-    if not keys & cut and others and tells and all(len(np.unique(of)) == 1 for of in labels):
+    if not keys & cut and not grid and others and tells and all(len(np.unique(of)) == 1 for of in labels):
         yield Guess("tap", "file", "each file is one tap, if it is")
 
 
