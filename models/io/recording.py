@@ -84,6 +84,7 @@ class Recording:
         file: For streams, the number of the file that each frame comes from, shape (S,).
         left_out: Arrays that could not be kept, one sentence each.
         time: For streams, the time of each frame in seconds, shape (S,), if known.
+        row: For streams, the number of each frame in its file, shape (S,), if frames between them may be gone.
     """
 
     samples: NDArray[np.floating]
@@ -92,6 +93,7 @@ class Recording:
     file: NDArray[np.int64] | None = None
     left_out: tuple[str, ...] = ()
     time: NDArray[np.float64] | None = None
+    row: NDArray[np.intp] | None = None
 
     @property
     def is_stream(self) -> bool:

@@ -26,7 +26,7 @@ class Segmented:
     Attributes:
         taps: The taps; `trial` counts them within their session.
         streams: Number of streams.
-        gaps: Number of gaps in time at which streams were split.
+        gaps: Number of gaps at which streams were split, in time or where frames are gone.
         incomplete: Number of taps cut short by the start or end of their stream.
         overlapping: Number of taps given up because the next press came before their end.
         outside: Number of events outside the streams and of presses that began before their stream.
@@ -46,7 +46,7 @@ class Segmented:
     @property
     def told(self) -> tuple[str, ...]:
         """What was cut and what was lost, one sentence each."""
-        split = f", split at {counted(self.gaps, 'gap')} in time" if self.gaps else ""
+        split = f", split at {counted(self.gaps, 'gap')}" if self.gaps else ""
         lost = (
             (self.incomplete, "tap", "cut short by the start or end of a stream"),
             (self.overlapping, "tap", "given up, as the next press came before the end"),
@@ -68,7 +68,8 @@ def _at_once(touching: int, streams: int) -> str:
 def stream_starts(recording: Recording) -> NDArray[np.intp]:
     """First row of each stream.
 
-    A stream is a maximal run of one object in one session of one file, without a gap in time if times are known.
+    A stream is a maximal run of one object in one session of one file, without a gap in time if times are known, and
+    else without frames that are gone between others.
 
     Args:
         recording: Frames with labels, shape (S, K).
@@ -152,7 +153,10 @@ def _broken(recording: Recording) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]
     keys = np.stack([np.asarray(recording.file), recording.labels.session, recording.labels.what])
     known = np.concatenate([[True], (keys[:, 1:] != keys[:, :-1]).any(axis=0)])
     if recording.time is None:
-        return known, np.zeros(len(known), dtype=bool)
+        gap = np.zeros(len(known), dtype=bool)
+        if recording.row is not None:
+            gap[1:] = (np.diff(recording.row) != 1) & ~known[1:]
+        return known, gap
     return known, breaks(recording.time, known)
 
 

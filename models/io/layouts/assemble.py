@@ -96,13 +96,14 @@ def read_mapped(
     if samples.ndim == 3:
         recording = Recording(samples, joined_labels(found, how, tables), rate)
         return Mapped(recording, missing, told(), None, None, whose, tables)
-    labels = StreamLabels.of(found, how, tables)
+    labels = StreamLabels.of(found, how, tables, rate)
     file = np.repeat(np.arange(len(found)), [piece.rows for piece in found])
     times = [piece.time_s for piece in found if piece.time_s is not None]
     time = np.concatenate(times) if len(times) == len(found) else None
+    row = np.concatenate([piece.row for piece in found])
     rises = None if how.signal is None else np.concatenate([np.asarray(piece.rises) for piece in found])
     return Mapped(
-        Recording(samples, labels.frames, rate, file, time=time), missing, told(), rises, labels, whose, tables
+        Recording(samples, labels.frames, rate, file, time=time, row=row), missing, told(), rises, labels, whose, tables
     )
 
 

@@ -13,7 +13,7 @@ from ...tap_checks import RESERVED
 from ...taps import in_plane
 from ..recording import Labels, naming
 from .label_tables import LabelTables
-from .label_values import are_names, as_numbers, as_texts, by_name, distinct
+from .label_values import are_names, as_numbers, as_texts, by_name, distinct, is_missing
 from .labels import LISTS, label_source
 from .listed import Listed, listed
 from .mapping import EXTRA, PLANE, TapMap, option
@@ -132,7 +132,7 @@ def _objects(
 
 
 def _check_there(found: Sequence[Piece], key: str, raw: NDArray[Any]) -> None:
-    missing = np.flatnonzero(np.isin(raw, ("", "nan", "NaN")) if raw.dtype.kind == "U" else raw != raw)  # noqa: PLR0124
+    missing = np.flatnonzero(is_missing(raw))
     if len(missing):
         raise InputError(f"{option(key)} is missing for {_place(found, int(missing[0]))}.")
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ..recording import runs
+from .formats.text_header import MISSING
 from .mapping import option
 from .patterns import number_in, unclear_comma
 
@@ -28,6 +29,11 @@ def as_known(values: NDArray[Any] | str) -> Any:
         return values.astype(np.float64)
     except ValueError:
         return values
+
+
+def is_missing(values: NDArray[Any]) -> NDArray[np.bool_]:
+    """Whether labels or numbers are not there: NaN, or texts for that."""
+    return np.isin(values, MISSING) if values.dtype.kind == "U" else values != values  # noqa: PLR0124 - NaN
 
 
 def as_texts(values: NDArray[Any]) -> list[str]:

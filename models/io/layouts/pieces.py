@@ -36,10 +36,10 @@ class Piece:
         labels: Values of each tap or row, or the same for all.
         pace: Of its samples by their times, `None` without.
         unit: Of its samples, as the file states it.
-        tables: Names and positions that are in the file, by key of the map.
+        tables: Names, positions and presses that are in the file, by key of the map.
         time_s: Times of its rows or taps, if known.
         time_unit: Unit in which these are written.
-        label_units: Units of its labels, as the file states them.
+        label_units: Units of its labels and presses, as the file states them.
         rises: Signal that rises at each press, shape (rows,).
         row: Number of the row or tap of the file that each one begins with, shape (rows,).
         numbers: Of the tap of each, as columns tell.
@@ -178,6 +178,8 @@ def _piece(read: FileRead, tables: LabelTables, missing: Missing) -> Piece:
         rows = rows.select(starts, Signal(split_frames(np.asanyarray(rows.signal.samples), starts)))
     listed = {key: np.asarray(read.of(name)) for key, name in tables_of(how).items()}
     units = _label_units(sources, file, contents, tables)
+    if "events" in listed:
+        units["events"] = contents.variables[contents.named(filled(how.events or "", file.fields))].unit
     return Piece(
         file,
         rows.signal,

@@ -242,7 +242,7 @@ def _further(
 
 
 def tables_of(how: TapMap) -> dict[str, str]:
-    """Arrays of the file that hold names or positions which labels index, by key of the map."""
-    named = {"what_names": how.what_names, "where_values": how.where_values}
+    """Arrays of the file that hold names or positions which labels index, or presses, by key of the map."""
+    named = {"what_names": how.what_names, "where_values": how.where_values, "events": how.events}
     texts = {key: name for key, name in named.items() if isinstance(name, str)}
     return {key: name for key, name in texts.items() if label_source(key, name).kind == "column"}

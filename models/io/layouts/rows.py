@@ -12,8 +12,7 @@ from ...cutting.presses import numbers_or_truths
 from ...cutting.sessions import number_by_date
 from ...errors import InputError
 from ..recording import naming, runs
-from .formats.text_header import MISSING
-from .label_values import as_known, as_numbers, as_texts
+from .label_values import as_known, as_numbers, as_texts, is_missing
 from .labels import Label, label_source
 from .mapping import LABELS, PLANE, TapMap, option
 
@@ -124,7 +123,7 @@ def tap_starts(
         if number.shape != (rows,):
             raise InputError(f"tap (--tap) {name}: expected one number for each of {rows} rows, got {number.shape}.")
     if counts_in_taps(how):
-        known = np.flatnonzero(~_missing(numbers[0]))
+        known = np.flatnonzero(~is_missing(numbers[0]))
         count, _ = as_numbers("tap", numbers[0][known])
         return np.concatenate([[0], known[1:][np.diff(count) <= 0]]).astype(np.intp)
     return runs(*numbers)
@@ -163,7 +162,7 @@ def check_numbers(
         InputError: A number is missing or a tap is in two places; the message names the row.
     """
     for number, name in zip(numbers, tap_columns(how), strict=True):
-        missing = np.flatnonzero(_missing(number))
+        missing = np.flatnonzero(is_missing(number))
         if len(missing):
             raise InputError(
                 f"{place(int(missing[0]))}: tap (--tap) {name} has no number; leave such rows out with keep (--keep)."
@@ -198,10 +197,6 @@ def _apart(how: TapMap) -> str:
     if name in tap_columns(how):
         return f"Where keep (--keep) keeps one value of {name} alone, each stretch of rows is a tap"
     return f"If each stretch of rows that keep (--keep) keeps is a tap, name {name} in tap (--tap) as well"
-
-
-def _missing(number: NDArray[Any]) -> NDArray[np.bool_]:
-    return np.isin(number, MISSING) if number.dtype.kind == "U" else number != number  # noqa: PLR0124 - NaN
 
 
 def _changing(labels: Mapping[str, Label], rows: int) -> list[NDArray[Any]]:

@@ -13,6 +13,7 @@ from ...errors import InputError, counted
 from ..recording import Labels, naming
 from .joined_labels import joined_labels
 from .label_tables import LabelTables
+from .label_values import is_missing
 from .labels import ByOrder, Label
 from .mapping import EXTRA, PLANE, TapMap, option
 from .pieces import Piece
@@ -34,7 +35,8 @@ class StreamLabels:
         pieces: The streams.
         how: The map.
         tables: Tables beside the files.
-        of_taps: Labels that have one value for each tap or press.
+        of_taps: Labels that have one value for each tap or press, or are missing in frames.
+        rate_hz: Frames per second, if known.
     """
 
     frames: Labels
@@ -42,9 +44,10 @@ class StreamLabels:
     how: TapMap
     tables: LabelTables
     of_taps: frozenset[str]
+    rate_hz: float | None
 
     @classmethod
-    def of(cls, pieces: Sequence[Piece], how: TapMap, tables: LabelTables) -> "StreamLabels":
+    def of(cls, pieces: Sequence[Piece], how: TapMap, tables: LabelTables, rate_hz: float | None) -> "StreamLabels":
         """Labels of streams.
 
         Raises:
@@ -56,7 +59,7 @@ class StreamLabels:
         among_frames = structs.replace(how, **without, extra=extra)
         gone = {*of_taps, *(PLANE if of_taps & {*PLANE} else ()), *without}
         alone = [replace(each, labels={k: of for k, of in each.labels.items() if k not in gone}) for each in pieces]
-        return cls(joined_labels(alone, among_frames, tables), pieces, how, tables, of_taps)
+        return cls(joined_labels(alone, among_frames, tables), pieces, how, tables, of_taps, rate_hz)
 
     def at(self, rows: ArrayLike, presses: Presses | None) -> Labels:
         """Labels of taps.
@@ -94,7 +97,8 @@ class StreamLabels:
         elif not isinstance(label, np.ndarray):
             return label
         elif len(label) == self.pieces[number].rows:
-            return label[frames[taps]]
+            with naming(path), naming(option(key)):
+                return _around(label, frames[taps], self.how, self.rate_hz)
         else:
             values, sharing, name, hint = label, [number], str(path), ""
         index, total = count.within(sharing, len(self.pieces))
@@ -111,7 +115,27 @@ def _rows_of(label: Any) -> Any:
 
 
 def _is_of_taps(label: Label, frames: int) -> bool:
-    return isinstance(label, ByOrder) or (isinstance(label, np.ndarray) and len(label) != frames)
+    """Whether a label has one value for each tap or press, or is missing in frames."""
+    if isinstance(label, np.ndarray):
+        return len(label) != frames or bool(is_missing(label).any())
+    return isinstance(label, ByOrder)
+
+
+def _around(label: NDArray[Any], frames: NDArray[np.intp], how: TapMap, rate_hz: float | None) -> NDArray[Any]:
+    """Labels of the frames of taps, where they are missing there the only one that their taps have."""
+    found, missing = label[frames], is_missing(label)
+    scale = rate_hz / how.resample if rate_hz and how.resample else 1.0
+    pre, window = round(scale * (how.pre or 0)), round(scale * (how.window or 1))
+    for tap in np.flatnonzero(missing[frames]).tolist():
+        first = max(0, int(frames[tap]) - pre)
+        inside = slice(first, first + window)
+        values = np.unique(label[inside][~missing[inside]])
+        if len(values) > 1:
+            raise InputError(f"has {values[0]} and {values[1]} in the tap at row {frames[tap]}, counted from 0.")
+        if not len(values):
+            raise InputError(f"is missing in the tap at row {frames[tap]}, counted from 0.")
+        found[tap] = values[0]
+    return found
 
 
 @dataclass(frozen=True, eq=False)

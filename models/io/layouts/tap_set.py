@@ -1,5 +1,6 @@
 """A tap set from files of any layout, by a map: read, resampled, cut and freed of useless taxels."""
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
@@ -26,7 +27,11 @@ from .files import SourceFile
 from .label_values import as_known
 from .labels import label_source
 from .mapping import TapMap, check_cutting, load_map, option
+from .pieces import Piece
 from .times import in_seconds, time_unit, unit_since_1970
+
+_FRAMES = re.compile(r"(?:^|[\W_])(?:frame|sample|row|index|idx)s?$", re.IGNORECASE)
+"""Names of columns of numbers of frames."""
 
 
 class MappedTaps(NamedTuple):
@@ -159,15 +164,36 @@ def _presses(mapped: Mapped, how: TapMap) -> Presses | None:
     if how.trigger != "events":
         return None
     with naming(option("events")):
-        source = label_source("events", how.events or "")
-        if source.kind != "table" or recording.file is None or mapped.labels is None:
-            raise InputError(f"must be TABLE.csv:COLUMN, a table of times for streams, got {how.events!r}.")
+        if recording.file is None or mapped.labels is None:
+            raise InputError("presses are in streams, but these files hold taps.")
+        at, name, stated, of = _events(mapped, mapped.labels.pieces, how)
+        if len(at) == len(recording.samples):
+            raise InputError(f"{name} has a value for each frame, so it is not the times of presses.")
+        in_frames = recording.time is None or _FRAMES.search(name) is not None
+        unit = time_unit(name, stated) or unit_since_1970(at) or mapped.labels.pieces[0].time_unit
+        at = in_seconds("events", name, at, "s" if in_frames or not unit else unit)
+        if not in_frames:
+            return presses_of_events(at, recording.file, time=recording.time, of=of)
+        if how.one_based:
+            at = at - 1
+        if how.keep is not None and recording.row is not None:  # frames are numbered before some are left out
+            at = np.where((at < 0) | (at != np.round(at)), np.nan, at)
+            return presses_of_events(at, recording.file, time=recording.row.astype(np.float64), of=of)
+        return presses_of_events(at, recording.file, of=of)
+
+
+def _events(
+    mapped: Mapped, pieces: Sequence[Piece], how: TapMap
+) -> tuple[NDArray[Any], str, str, NDArray[np.intp] | None]:
+    """Times or frames of presses, the name and the unit of their column or array, and the file of each if known."""
+    source = label_source("events", how.events or "")
+    if source.kind == "table":
         column = mapped.tables.column(source, mapped.files[0])
         at = as_known(column.values)
-        unit = time_unit(column.name, column.unit) or unit_since_1970(at) or mapped.labels.pieces[0].time_unit
-        at = in_seconds("events", column.name, at, unit if recording.time is not None and unit else "s")
-        of = _files_of_events(column.texts_beside, mapped.files, len(at))
-        return presses_of_events(at, recording.file, time=recording.time, of=of)
+        return at, column.name, column.unit, _files_of_events(column.texts_beside, mapped.files, len(at))
+    parts = [piece.tables["events"].reshape(-1) for piece in pieces]
+    of = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
+    return as_known(np.concatenate(parts)), source.name, pieces[0].label_units.get("events", ""), of
 
 
 def _files_of_events(

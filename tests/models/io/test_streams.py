@@ -175,7 +175,7 @@ def test_streams_are_split_at_gaps_in_time():
     cut = segment(streams, tare)
 
     assert (cut.streams, cut.gaps, cut.incomplete) == (2, 1, 2)
-    assert cut.told[0] == "4 taps from 2 streams, split at 1 gap in time."
+    assert cut.told[0] == "4 taps from 2 streams, split at 1 gap."
     assert not cut.taps.taps.any()
     assert stream_starts(streams).tolist() == [0, 10]
     assert segment(replace(streams, time=None), tare).streams == 1

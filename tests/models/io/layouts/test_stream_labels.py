@@ -3,6 +3,7 @@
 import h5py
 import numpy as np
 import pytest
+import scipy.io
 from solidtouch.models.errors import InputError
 from solidtouch.models.io.layouts.mapping import TapMap
 from solidtouch.models.io.layouts.tap_set import load_mapped
@@ -203,3 +204,67 @@ def test_presses_and_frames_may_have_dates(tmp_path):
     write(tmp_path / "presses.csv", {"onset": ["2026-11-26 10:00:00.2", "2026-11-26 10:00:00.495"]})
 
     assert load_mapped(tmp_path / "s.csv", EVENTS).taps.taps[:, 2, 0].tolist() == [20, 50]
+
+
+CONTACT = CUT.changed(trigger="contact", level=0.5, what="object", where="x")
+
+
+def test_labels_that_only_taps_have_are_those_of_taps(tmp_path):
+    """In all of their frames, or in the first alone, one before the contact; frames between have none."""
+    stream(tmp_path / "s.csv", [10, 40, 70])
+    lines = (tmp_path / "s.csv").read_text().splitlines()
+    for first, last in ((10, 15), (9, 10)):
+        labels = [("", "")] * 90
+        for frame, label in ((0, ("cup", 1)), (30, ("rod", 2)), (60, ("cup", 3))):
+            labels[frame + first : frame + last] = [label] * (last - first)
+        rows = [f"{line},{what},{where}" for line, (what, where) in zip(lines[1:], labels, strict=True)]
+        (tmp_path / "l.csv").write_text("\n".join([f"{lines[0]},object,x", *rows]))
+
+        taps = load_mapped(tmp_path / "l.csv", CONTACT).taps
+
+        assert labelled(taps) == [(0, "cup", 1), (1, "rod", 2), (2, "cup", 3)]
+    with pytest.raises(InputError, match=r"l.csv: what \(--what\): is missing in the tap at row 10, counted from 0"):
+        load_mapped(tmp_path / "l.csv", CONTACT.changed(pre=0))
+    (tmp_path / "l.csv").write_text((tmp_path / "l.csv").read_text().replace("0.11,1.0,True,,", "0.11,1.0,True,pot,1"))
+    with pytest.raises(InputError, match=r"what \(--what\): has cup and pot in the tap at row 10"):
+        load_mapped(tmp_path / "l.csv", CONTACT)
+
+
+@pytest.mark.parametrize("time", ["t", None])
+def test_rows_that_are_not_kept_end_a_stream(tmp_path, time):
+    """Also where no time tells: no window runs from one press into the next."""
+    valve = np.repeat([0, 1, 0, 1, 0], [20, 15, 20, 15, 20])
+    write(tmp_path / "s.csv", {"t": np.arange(90) / 100, "f1": np.arange(90), "valve": valve})
+    how = TapMap(taxels="f1", time=time, keep="valve=1", trigger="clock", window=10)
+
+    found = load_mapped(tmp_path / "s.csv", how.changed(rate=None if time else 100.0))
+
+    assert found.taps.taps[:, 0, 0].tolist() == [20, 55]
+    assert found.told[0] == "2 taps from 2 streams, split at 1 gap."
+
+
+@pytest.mark.parametrize("time", [None, "t"])
+@pytest.mark.parametrize("one_based", [False, True])
+def test_presses_may_be_an_array_of_the_file(tmp_path, time, one_based):
+    """With their labels, in frames or on the clock of the file."""
+    for name, presses in (("a", [10, 40, 70]), ("b", [20, 60])):
+        at = np.array(presses) / 100 if time else np.array(presses) + one_based
+        sound, kind = np.arange(100.0)[:, np.newaxis] * [1, 1], np.array(presses) // 30 + one_based
+        scipy.io.savemat(tmp_path / f"{name}.mat", {"x": sound, "t": np.arange(100) / 100, "onset": at, "cond": kind})
+    how = TapMap(taps="x", time=time, trigger="events", events="onset", window=10, what="cond", one_based=one_based)
+    how = how.changed(what_names=("cup", "rod", "pot"))
+
+    taps = load_mapped([tmp_path / "a.mat", tmp_path / "b.mat"], how).taps
+
+    assert taps.taps[:, 0, 0].tolist() == [10, 40, 70, 20, 60]
+    assert [taps.what_name[m] for m in taps.what] == ["cup", "rod", "pot", "cup", "pot"]
+
+
+def test_a_column_of_frames_is_one_though_frames_have_times(tmp_path):
+    """Of the rows of the file, kept or not."""
+    write(tmp_path / "s.csv", {"t": np.arange(90) / 100, "f1": np.arange(90), "ok": [1] * 30 + [0] * 10 + [1] * 50})
+    write(tmp_path / "presses.csv", {"frame": [20, 50, 70]})
+    how = EVENTS.changed(events="presses.csv:frame", pre=0)
+    for keep in (None, "ok=1"):
+        taps = load_mapped(tmp_path / "s.csv", how.changed(keep=keep)).taps
+        assert taps.taps[:, 0, 0].tolist() == [20, 50, 70]

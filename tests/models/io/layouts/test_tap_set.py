@@ -119,7 +119,7 @@ def test_taps_that_are_cut_are_resampled_with_their_record(tmp_path):
     ("changes", "message"),
     [
         ({}, r"tap is with tap \(--tap\), or cut taps with trigger \(--trigger\)"),
-        ({"trigger": "events", "events": "t", "window": 3}, r"events \(--events\): must be TABLE.csv:COLUMN"),
+        ({"trigger": "events", "events": "t", "window": 3}, r"events \(--events\): t has a value for each frame"),
         ({"trigger": "events", "events": "no.csv", "window": 3}, r"events \(--events\): no\.csv: no such table"),
         (
             {"trigger": "clock", "time": None, "resample": 10.0, "window": 3},
