@@ -21,13 +21,15 @@ class SourceFile:
         path: Where it is.
         below: Its path below the folder that was named, or its name, with `/` between folders.
         source: Number of the file or folder that was named, from 0.
-        fields: Texts of the fields of its name.
+        fields: Texts of the fields of its name, or of that of an array in it.
+        array: Name of the array, if it is one of several in the file.
     """
 
     path: Path
     below: str
     source: int
     fields: dict[str, str] = field(default_factory=dict)
+    array: str = ""
 
 
 def source_files(sources: Sequence[Path], how: TapMap) -> list[SourceFile]:

@@ -20,7 +20,7 @@ from .label_values import LENGTHS_AND_ANGLES, as_known
 from .labels import Label, LabelSource
 from .mapping import EXTRA, TapMap, option
 from .patterns import compiled_pattern, filled, is_pattern, natural
-from .reading import FileRead, label_of, of_arrays, of_columns, sources_of, tables_of
+from .reading import FileRead, label_of, name_of, of_arrays, of_columns, sources_of, tables_of
 from .rows import among_kept, check_labels, check_numbers, condition, holds, signal_at, tap_columns, tap_starts
 from .signal import Signal, split_frames
 from .times import pace_of, times_of
@@ -95,7 +95,7 @@ def pieces(files: Sequence[SourceFile], how: TapMap, tables: LabelTables, missin
             else:
                 arrays = _arrays(how.taps or alone or "", file, contents)
                 for names, fields in arrays:
-                    whose = replace(file, fields=file.fields | fields)
+                    whose = replace(file, fields=file.fields | fields, array=names[0])
                     yield _piece(of_arrays(whose, names, contents, how, tables, len(arrays)), tables, missing)
 
 
@@ -176,7 +176,7 @@ def _piece(read: FileRead, tables: LabelTables, missing: Missing) -> Piece:
     found = None if rows.time_s is None else pace_of(rows.time_s, rows.signal, starts)
     if starts is not None:
         rows = rows.select(starts, Signal(split_frames(np.asanyarray(rows.signal.samples), starts)))
-    listed = {key: np.asarray(read.of(name)) for key, name in tables_of(how).items()}
+    listed = {key: read.listed(name) for key, name in tables_of(how).items()}
     units = _label_units(sources, file, contents, tables)
     if "events" in listed:
         units["events"] = contents.variables[contents.named(filled(how.events or "", file.fields))].unit
@@ -265,10 +265,9 @@ def _label_units(
     """Units of labels that are columns or arrays, of files or of tables, as they or their names state them."""
     found: dict[str, str] = {}
     for key, source in sources.items():
-        name, stated = filled(source.name, file.fields), ""
         if source.kind == "table":
             name, _, stated, *_ = tables.column(source, file)
-        elif source.kind == "column" and name not in contents.attributes:
+        elif source.kind == "column" and (name := name_of(source.name, file, contents)) not in contents.attributes:
             name = contents.named(name)
             stated = contents.variables[name].unit
         else:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,12 +11,12 @@ from ...errors import InputError
 from ..recording import naming
 from .columns import FirstColumns, agreeing, column_grid, taxel_columns, taxel_slice
 from .files import SourceFile
-from .formats.contents import Contents, Values
+from .formats.contents import Contents, Several, Values
 from .label_tables import LabelTables
 from .labels import ByOrder, Label, LabelSource, label_source
 from .long_table import widened
 from .mapping import EXTRA, LABELS, PLANE, TapMap, option
-from .patterns import filled
+from .patterns import compiled_pattern, filled, is_pattern
 from .rows import condition, tap_columns
 from .signal import Signal, arranged, side_by_side
 
@@ -48,10 +49,10 @@ def needed(sources: Sequence[LabelSource], file: SourceFile, contents: Contents,
     """Variables of a file that hold labels, or that a table of labels has as well."""
     found = []
     for source in sources:
-        name = filled(source.name, file.fields)
         with naming(option(source.key)):
-            if source.kind in ("column", "date") and name not in contents.attributes:
-                found.append(contents.named(name))
+            if source.kind in ("column", "date"):
+                name = name_of(source.name, file, contents)
+                found += [] if name in contents.attributes else [contents.named(name)]
             elif source.kind == "table":
                 found += tables.shared(source, file, contents).values()
     return found
@@ -78,24 +79,52 @@ def label_of(source: LabelSource, read: "FileRead", tables: LabelTables) -> Labe
             case "gap":
                 return ""
             case _:
-                return _in_file(filled(source.name, read.file.fields), read)
+                return _in_file(name_of(source.name, read.file, read.contents), read, source.key)
 
 
-def _in_file(name: str, read: "FileRead") -> Label:
-    """An attribute, or the values of a column or array, which may have the axes of the taps."""
+def name_of(template: str, file: SourceFile, contents: Contents) -> str:
+    """A name with the fields put in; a pattern stands for what is at the array of the piece or in a group around it."""
+    name = filled(template, file.fields)
+    if not is_pattern(name) or name in contents.variables or not file.array:
+        return name
+    pattern = compiled_pattern(name, template)
+    there = (each for each in (*contents.attributes, *contents.variables) if pattern.fullmatch(each))
+    near = [each for each in there if f"{file.array}/".startswith(f"{_node(each)}/")]
+    return near[0] if len(near) == 1 else name
+
+
+def _node(name: str) -> str:
+    """The array or group that an attribute belongs to, or the group that an array is in."""
+    return name.partition("@")[0] if "@" in name else name.rpartition("/")[0]
+
+
+def _in_file(name: str, read: "FileRead", key: str) -> Label:
+    """An attribute, or the values of a column or array, which may have the axes of the taps, or be one-hot."""
     contents = read.contents
     if name in contents.attributes and name not in contents.variables:
-        return contents.attributes[name]
+        value = contents.attributes[name]
+        return np.array(value.values) if isinstance(value, Several) else value
     found = read.values[contents.named(name)]
     if isinstance(found, list):
         raise InputError(f"{name} has elements of different shapes, so it holds no labels.")
-    if found.size == max(found.shape, default=1) or found.shape == read.signal.lengths:
+    counts = len(read.signal.samples), read.arrays
+    if key in ("what", "where") and (index := _one_hot(found, counts)) is not None:
+        found = index + read.how.one_based
+    elif found.size == max(found.shape, default=1) or found.shape == read.signal.lengths:
         found = found.reshape(-1)
-    if len(found) == read.arrays > 1 and (read.how.tap == "file" or len(found) != len(read.signal.samples)):
-        return ByOrder(found, f"{read.file.path}: {name}")
     if found.ndim > 1:
         raise InputError(f"{name} has shape {found.shape}, expected one value for each tap.")
+    if len(found) == read.arrays > 1 and (read.how.tap == "file" or len(found) != len(read.signal.samples)):
+        return ByOrder(found, f"{read.file.path}: {name}")
     return found if found.size != 1 else found.reshape(-1)[0].item()
+
+
+def _one_hot(found: NDArray[Any], counts: Sequence[int]) -> NDArray[np.intp] | None:
+    """Which entry of each row is 1 and all others 0; `None` for other values, or another number of rows."""
+    if found.ndim != 2 or found.shape[1] < 2 or len(found) not in counts or found.dtype.kind not in "fiub":
+        return None
+    ones = found == 1
+    return ones.argmax(axis=1) if (ones | (found == 0)).all() and (ones.sum(axis=1) == 1).all() else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +155,17 @@ class FileRead:
 
     def of(self, name: str) -> Values:
         """The variable that a key of the map names."""
-        return self.values[self.contents.named(filled(name, self.file.fields))]
+        return self.values[self.contents.named(name_of(name, self.file, self.contents))]
+
+    def listed(self, name: str) -> NDArray[Any]:
+        """Names or positions in the file, of an attribute too; those of one text are between its commas."""
+        name = name_of(name, self.file, self.contents)
+        value = self.contents.attributes.get(name)
+        if value is None or name in self.contents.variables:
+            return np.asarray(self.of(name))
+        if isinstance(value, Several):
+            return np.array(value.values)
+        return np.array([part.strip() for part in value.split(",")] if isinstance(value, str) else [value])
 
     @property
     def unit(self) -> str:
@@ -166,7 +205,7 @@ def of_columns(file: SourceFile, contents: Contents, how: TapMap, tables: LabelT
     further = _further(how, sources, file, contents, tables)
     own = [of for key, of in sources.items() if not key.startswith(EXTRA)]
     also = (*tap_columns(how), *filter(None, (how.time, how.taxel)))
-    also = [contents.named(filled(name, file.fields)) for name in also]
+    also = [contents.named(name_of(name, file, contents)) for name in also]
     others = {*needed(own, file, contents, tables), *also}
     grid = column_grid(how, contents, others)
     columns = taxel_columns(how, contents, others) if grid is None else grid.names
@@ -193,7 +232,7 @@ def of_columns(file: SourceFile, contents: Contents, how: TapMap, tables: LabelT
 def _of_long_table(read: FileRead, first: FirstColumns) -> FileRead:
     """Samples of a table with a row for each of a taxel."""
     how, frames = read.how, np.asarray(read.signal.samples)
-    key, column = option("taxel"), read.contents.named(filled(how.taxel or "", read.file.fields))
+    key, column = option("taxel"), read.contents.named(name_of(how.taxel or "", read.file, read.contents))
     if len(read.names) != 1 or how.axes is not None:
         what = "no axes (--axes)" if how.axes is not None else f"one column in taxels (--taxels), not {len(read.names)}"
         raise InputError(f"{key}: a table with a row for each sample of each taxel has {what}.")
@@ -237,7 +276,9 @@ def _further(
     for key, name in [*named.items(), *(("tap", name) for name in tap_columns(how))]:
         if name:
             with naming(option(key)):
-                found.append(contents.named(filled(name, file.fields)))
+                full = name_of(name, file, contents)
+                if key not in ("what_names", "where_values") or full not in contents.attributes:
+                    found.append(contents.named(full))
     return [*dict.fromkeys(found)]
 
 

@@ -59,6 +59,18 @@ class Variable:
     unit: str = ""
 
 
+class Several(str):
+    """Values of an attribute, as a text joined by commas."""
+
+    values: tuple[str | float, ...]
+
+    def __new__(cls, values: Sequence[str | float]) -> "Several":
+        """The text of texts and numbers."""
+        text = super().__new__(cls, ", ".join(each if isinstance(each, str) else f"{each:g}" for each in values))
+        text.values = tuple(values)
+        return text
+
+
 class Contents(ABC):
     """What a file holds.
 
@@ -67,7 +79,7 @@ class Contents(ABC):
         variables: Its arrays or columns in their order; groups are joined by `/`, fields of structs by `.`.
         unreadable: Names of what cannot be read, each with the reason, for messages.
         damage: What of it is left out as it is damaged, in a sentence, empty if nothing is.
-        attributes: Texts and numbers that belong to the file, such as a licence.
+        attributes: Texts and numbers that belong to the file, such as a licence, or several of them.
         table: Whether the variables are columns of one table, with as many rows each.
         most: How many blocks of rows of a table `read` reads, each of some MiB; `None` for all.
     """

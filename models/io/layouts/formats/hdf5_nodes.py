@@ -5,6 +5,8 @@ from typing import Any
 
 import numpy as np
 
+from .contents import Several
+
 OTHER_FILE = "it is not in this file, but in another one or nowhere; convert that one, or copy it into this one"
 _MACHINERY = {
     *("CLASS", "NAME", "VERSION", "TITLE", "DIMENSION_LIST", "REFERENCE_LIST", "DIMENSION_LABELS"),
@@ -65,17 +67,13 @@ def simple(value: Any) -> str | float | None:
     parts = [part for each in values.reshape(-1).tolist() if isinstance(part := _plain(each), str | float)]
     if len(parts) != values.size:
         return None
-    return parts[0] if len(parts) == 1 else ", ".join(map(_shown, parts))
+    return parts[0] if len(parts) == 1 else Several(parts)
 
 
 def _plain(value: Any) -> Any:
     if isinstance(value, bytes | str):
         return simple(value)
     return float(value) if isinstance(value, int | float) else value
-
-
-def _shown(value: str | float) -> str:
-    return value if isinstance(value, str) else f"{value:g}"
 
 
 def attributes_of(attributes: Mapping[str, Any], prefix: str = "") -> dict[str, str | float]:
