@@ -80,10 +80,10 @@ def read_mapped(
     found = [piece for piece in found if piece.rows]
     even, rate = _joined(found, how), how.rate or _common_rate(found)
     whose = tuple(piece.file for piece in found)
-    damaged = dict.fromkeys(f"{piece.file.path}: {piece.damage}" for piece in found if piece.damage)
+    of_files = dict.fromkeys(sentence for piece in found for sentence in piece.told)
 
     def told() -> tuple[str, ...]:
-        return (*unmatched(paths, files, how), *damaged, *tables.told.values(), *_told_of_times(found, how, rate))
+        return (*unmatched(paths, files, how), *of_files, *tables.told.values(), *_told_of_times(found, how, rate))
 
     if even is not None:
         ends = np.cumsum([piece.rows for piece in found])

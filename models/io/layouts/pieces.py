@@ -13,7 +13,7 @@ from ...settings import Missing
 from ..recording import as_samples, naming
 from .columns import FirstColumns
 from .files import SourceFile
-from .formats.contents import Contents, unit_at_end
+from .formats.contents import Contents, in_step, unit_at_end
 from .formats.registry import open_contents
 from .label_tables import LabelTables
 from .label_values import LENGTHS_AND_ANGLES, as_known
@@ -44,7 +44,7 @@ class Piece:
         row: Number of the row or tap of the file that each one begins with, shape (rows,).
         numbers: Of the tap of each, as columns tell.
         whole: Number of rows or taps of the file, kept or not.
-        damage: What of the file is left out as it is damaged, in a sentence.
+        told: What of the file is left out, and how labels were found, one sentence each.
     """
 
     file: SourceFile
@@ -60,7 +60,7 @@ class Piece:
     row: NDArray[np.intp] = field(default_factory=lambda: np.arange(0))
     numbers: tuple[NDArray[Any], ...] = ()
     whole: int = 0
-    damage: str = ""
+    told: tuple[str, ...] = ()
 
     @property
     def rows(self) -> int:
@@ -163,12 +163,16 @@ def _piece(read: FileRead, tables: LabelTables, missing: Missing) -> Piece:
     """The piece, its frames divided into taps where the map says how."""
     file, contents, how = read.file, read.contents, read.how
     whole, sources = len(read.signal.samples), sources_of(how, file.fields)
+    stepped = in_step(read.values, read.of_rows, read.names[0], contents, whole)
+    read = replace(read, values=stepped.values)
     rows = _rows(read, sources, tables)
     starts = None if read.signal.cut else _starts(read, rows)
     if starts is not None:
         rows = replace(rows, labels=_of_rows(rows.labels, starts, whole))
-    if how.keep is not None:
-        mask = holds(how, "keep", np.asarray(read.of(condition(how.keep)[0])), whole)
+    if how.keep is not None or stepped.known is not None:
+        every = np.ones(whole, dtype=bool)
+        mask = every if how.keep is None else holds(how, "keep", np.asarray(read.of(condition(how.keep)[0])), whole)
+        mask = mask if stepped.known is None else mask & stepped.known
         rows = rows.select(mask, rows.signal.select(mask))
         starts = None if starts is None else among_kept(starts, rows.which, whole)
     rows = replace(rows, signal=_checked(read, rows, missing))
@@ -194,7 +198,7 @@ def _piece(read: FileRead, tables: LabelTables, missing: Missing) -> Piece:
         rows.which,
         rows.numbers,
         whole,
-        contents.damage,
+        (*([f"{file.path}: {contents.damage}"] if contents.damage else []), *stepped.told),
     )
 
 

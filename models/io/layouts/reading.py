@@ -11,7 +11,7 @@ from ...errors import InputError
 from ..recording import naming
 from .columns import FirstColumns, agreeing, column_grid, taxel_columns, taxel_slice
 from .files import SourceFile
-from .formats.contents import Contents, Several, Values
+from .formats.contents import Contents, Several, Values, with_clocks
 from .label_tables import LabelTables
 from .labels import ByOrder, Label, LabelSource, label_source
 from .long_table import widened
@@ -173,6 +173,15 @@ class FileRead:
         units = {self.contents.variables[name].unit for name in self.names}
         return units.pop() if len(units) == 1 else ""
 
+    @property
+    def of_rows(self) -> list[str]:
+        """Variables that have a value for each row, so far as they are no list or clock."""
+        how = self.how
+        ends = tap_columns(how) if isinstance(how.tap, str) and how.tap.startswith("ends:") else ()
+        others = filter(None, (how.time, how.taxel, *ends, *tables_of(how).values()))
+        apart = {*self.names, *(self.contents.named(filled(name, self.file.fields)) for name in others)}
+        return [name for name in self.values if name not in apart and self.contents.clock(name) != name]
+
     def place(self, row: int) -> str:
         """Where a row or tap stands."""
         return self.contents.place(row if self.at is None else int(self.at[0, row]))
@@ -211,7 +220,9 @@ def of_columns(file: SourceFile, contents: Contents, how: TapMap, tables: LabelT
     columns = taxel_columns(how, contents, others) if grid is None else grid.names
     if how.taxel is None and (grid is None or grid.along == "sample"):
         columns = agreeing(columns, contents, how, first)
+    further = with_clocks(further, columns[:1], contents)
     numbers = [name for name in further if name not in labels and contents.variables[name].dtype == np.float64]
+    numbers = [name for name in numbers if contents.clock(name) in map(contents.clock, columns[:1])]
     beside = [*columns, *(name for name in numbers if contents.variables[name].shape[1:] == ())]
     values, frames = contents.read([name for name in further if name not in beside[len(columns) :]], beside)
     if frames is None:
@@ -251,7 +262,7 @@ def of_arrays(
     file: SourceFile, names: Sequence[str], contents: Contents, how: TapMap, tables: LabelTables, arrays: int
 ) -> FileRead:
     """Samples of one of some arrays of a file, or of several side by side."""
-    further = _further(how, sources_of(how, file.fields), file, contents, tables)
+    further = with_clocks(_further(how, sources_of(how, file.fields), file, contents, tables), names[:1], contents)
     values, _ = contents.read([*dict.fromkeys([*names, *further])])
     frames = how.tap is not None or how.trigger is not None
     shapes = {name: contents.variables[name].shape for name in names}

@@ -6,13 +6,13 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from ....errors import InputError
+from ....errors import InputError, counted
 
 _LISTED = 8
 _AT_END = re.compile(r"[^\W_]+[_. -]([^\W\d_]+|°)$")
@@ -114,6 +114,10 @@ class Contents(ABC):
                 place, but not the file.
         """
 
+    def clock(self, name: str) -> str | None:  # noqa: ARG002 - as that of messages
+        """Variable with the time of each row of another one, in seconds; `None` where rows have no clock."""
+        return None
+
     def place(self, row: int) -> str:
         """Where a row of a table stands, for messages."""
         return f"row {row + 1}"
@@ -135,6 +139,70 @@ class Contents(ABC):
             raise InputError(f"{name} may be {' or '.join(found)}.")
         close = get_close_matches(name, self.variables, cutoff=0.5) or list(self.variables)[:_LISTED]
         raise InputError(f"no {'column' if self.table else 'array'} {name}; there is {', '.join(close) or 'none'}.")
+
+
+class InStep(NamedTuple):
+    """Variables with a value for each row of the samples.
+
+    Attributes:
+        values: The variables.
+        known: Which rows have a value of all of them, shape (rows,); `None` if all do.
+        told: How they were found, one sentence each.
+    """
+
+    values: Mapping[str, Values]
+    known: NDArray[np.bool_] | None = None
+    told: tuple[str, ...] = ()
+
+
+def with_clocks(names: Sequence[str], samples: Sequence[str], contents: Contents) -> list[str]:
+    """Names of variables, and of the clocks of those that have another one than the samples.
+
+    Args:
+        names: Full names.
+        samples: Name of the samples, if there are any.
+        contents: The file.
+    """
+    clocks = {name: contents.clock(name) for name in (*samples, *names)}
+    return [*dict.fromkeys([*names, *(filter(None, clocks.values()) if len({*clocks.values()}) > 1 else ())])]
+
+
+def in_step(values: Mapping[str, Values], names: Sequence[str], sample: str, contents: Contents, rows: int) -> InStep:
+    """Variables of another clock as the last value at or before each row; those with as many rows stay as they are.
+
+    Args:
+        values: All variables that were read, and the clocks of `with_clocks`.
+        names: Those that have a value for each row.
+        sample: Name of the samples.
+        contents: The file.
+        rows: Number of rows of the samples.
+
+    Raises:
+        InputError: One has no value before the last row.
+    """
+    own = contents.clock(sample)
+    others = [name for name in names if contents.clock(name) != own and len(values[name]) != rows]
+    if own is None or not others or len(time := np.asarray(values[own])) != rows:
+        return InStep(values)
+    known, found, told = np.ones(rows, dtype=bool), dict(values), list[str]()
+    for name in others:
+        at = _last(np.asarray(values[contents.clock(name) or name]), time)
+        if (at < 0).all():
+            raise InputError(f"{name}: its first message is later than all of {own.rpartition('/')[0]}.")
+        known &= at >= 0
+        of, first = values[name], np.maximum(at, 0)
+        found[name] = of[first] if isinstance(of, np.ndarray) else [of[row] for row in first.tolist()]
+    told.append(f"{', '.join(others)}: the last message at or before each of {own.rpartition('/')[0]} counts.")
+    if not known.all():
+        told.append(f"{contents.path}: {counted(int((~known).sum()), 'row')} left out: before the first of these.")
+    return InStep(found, None if known.all() else known, tuple(told))
+
+
+def _last(clock: NDArray[np.float64], time: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Row of the latest message at or before each time, the last one of several; -1 if there is none."""
+    order = np.argsort(clock, kind="stable")
+    at = np.searchsorted(clock[order], time, "right") - 1
+    return np.where(at < 0, -1, order[at])
 
 
 def unit_at_end(name: str, known: Collection[str]) -> str:

@@ -90,6 +90,10 @@ class McapContents(Contents):
                 self._places[name] = _Field(topic, path)
 
     @override
+    def clock(self, name: str) -> str | None:
+        return f"{self._places[name].topic}/{_TIMES[0]}"
+
+    @override
     def read(self, names: Sequence[str], columns: Sequence[str] = ()) -> tuple[dict[str, Values], NDArray[Any] | None]:
         asked, numbers = [[self.named(name) for name in some] for some in (names, columns)]
         topics = {self._places[name].topic for name in numbers}
