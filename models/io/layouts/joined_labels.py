@@ -255,7 +255,7 @@ def _sessions(found: Sequence[Piece], how: TapMap, beside: LabelTables) -> NDArr
     with naming(option("session")):
         if told is not None and told.kind == "gap":
             return number_by_gap(_all_times(found), _seconds(told.name), source)
-        if told is not None and told.kind in ("date", "day"):
+        if told is not None and told.dated:
             return number_by_date(np.asarray(raw))
     if raw is None:
         return source.astype(np.int64)

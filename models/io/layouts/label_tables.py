@@ -108,7 +108,7 @@ class LabelTables:
             return column.values[among[_matching(own, [np.asarray(found[of]) for of in keys.values()], list(keys))]]
         if by:
             self.told[name] = f"{name} is read by {by[0]}."
-        elif name != self.events:
+        elif source.name != self.events:
             self.told[name] = f"{name} is read in the order of the taps" + (
                 "." if source.by else ", as it names no files and shares no column."
             )
@@ -121,7 +121,7 @@ class LabelTables:
         alone = list(about.rows.values()).count(about.rows[file.path]) == 1 if by else len(self.files) == 1
         if len(values) == rows and alone and not counts:
             return values
-        if source.by or name == self.events:
+        if source.by or source.name == self.events:
             return ByOrder(values, name, these)
         hint = _hint(source, column.name, about, counts)
         return ByOrder(values, name, these, hint, "rows" if counts else "files" if about.doubt else "")

@@ -37,12 +37,12 @@ class LabelSource(NamedTuple):
 
     Attributes:
         key: Which label.
-        kind: `"column"`, `"field"`, `"table"`, `"constant"`, `"file"`, `"gap"`, `"date"` of a column, or `"day"`, a
-            field with a date.
+        kind: `"column"`, `"field"`, `"table"`, `"constant"`, `"file"` or `"gap"`.
         name: Of the column, field or table, or the constant itself.
         column: Of a table.
         by: Column of a table that tells which row is whose, `"order"`, or empty.
         own: Column, array or field of the recording that this one is compared with.
+        dated: Whether the values are dates, of which each is a session.
     """
 
     key: str
@@ -51,17 +51,18 @@ class LabelSource(NamedTuple):
     column: str = ""
     by: str = ""
     own: str = ""
+    dated: bool = False
 
 
 def label_source(key: str, text: str) -> LabelSource:
     """Where a label stands, from the text of a map."""
     begin, _, rest = text.partition(":")
-    kinds = {"column": "column", "file": "field", "folder": "field"}
-    kinds |= {"gap": "gap", "date": "date"} if key == "session" else {}
+    if begin == "date" and rest and key == "session":
+        found = LabelSource(key, "field", key) if rest == "{session}" else label_source(key, rest)
+        return found._replace(dated=True)
+    kinds = {"column": "column", "file": "field", "folder": "field"} | ({"gap": "gap"} if key == "session" else {})
     if text.startswith("="):
         return LabelSource(key, "constant", text[1:])
-    if begin == "date" and key == "session" and (rest.startswith(("file:", "folder:")) or rest == "{session}"):
-        return LabelSource(key, "day", "session")
     if rest and begin in kinds:
         return LabelSource(key, kinds[begin], key if kinds[begin] == "field" else rest)
     if text == "file" and key in ("session", "trial"):

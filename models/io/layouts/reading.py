@@ -50,7 +50,7 @@ def needed(sources: Sequence[LabelSource], file: SourceFile, contents: Contents,
     found = []
     for source in sources:
         with naming(option(source.key)):
-            if source.kind in ("column", "date"):
+            if source.kind == "column":
                 name = name_of(source.name, file, contents)
                 found += [] if name in contents.attributes else [contents.named(name)]
             elif source.kind == "table":
@@ -68,7 +68,7 @@ def label_of(source: LabelSource, read: "FileRead", tables: LabelTables) -> Labe
         match source.kind:
             case "constant":
                 return source.name
-            case "field" | "day":
+            case "field":
                 if source.name not in read.file.fields:
                     raise InputError(f"no pattern gives the name of this file a field {{{source.name}}}.")
                 return read.file.fields[source.name]

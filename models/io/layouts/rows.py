@@ -248,7 +248,7 @@ def _compared(key: str, values: NDArray[Any], how: TapMap) -> NDArray[Any]:
     with naming(option(key)):
         if how.where_round is not None and key in ("where", *PLANE):
             return np.round(as_numbers(key, values)[0] * how.where_scale / how.where_round)
-        if key == "session" and how.session is not None and label_source(key, how.session).kind in ("date", "day"):
+        if key == "session" and how.session is not None and label_source(key, how.session).dated:
             return number_by_date(values)
     return values
 

@@ -1,7 +1,7 @@
 """A tap set from files of any layout, by a map: read, resampled, cut and freed of useless taxels."""
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
@@ -24,6 +24,7 @@ from ..streams import segment, stream_starts
 from .assemble import Mapped, read_mapped
 from .file_rows import file_rows
 from .files import SourceFile
+from .label_tables import TableColumn
 from .label_values import as_known
 from .labels import label_source
 from .mapping import TapMap, check_cutting, load_map, option
@@ -187,23 +188,29 @@ def _events(
 ) -> tuple[NDArray[Any], str, str, NDArray[np.intp] | None]:
     """Times or frames of presses, the name and the unit of their column or array, and the file of each if known."""
     source = label_source("events", how.events or "")
-    if source.kind == "table":
-        column = mapped.tables.column(source, mapped.files[0])
-        at = as_known(column.values)
-        return at, column.name, column.unit, _files_of_events(column.texts_beside, mapped.files, len(at))
-    parts = [piece.tables["events"].reshape(-1) for piece in pieces]
-    of = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
-    return as_known(np.concatenate(parts)), source.name, pieces[0].label_units.get("events", ""), of
+    if source.kind != "table":
+        parts = [piece.tables["events"].reshape(-1) for piece in pieces]
+        of = np.repeat(np.arange(len(parts)), [len(part) for part in parts])
+        return as_known(np.concatenate(parts)), source.name, pieces[0].label_units.get("events", ""), of
+    columns = [mapped.tables.column(source, file) for file in mapped.files]
+    tables = {column.path: column for column in columns}
+    whose = {path: [n for n, of in enumerate(columns) if of.path == path] for path in tables}
+    at = as_known(np.concatenate([column.values for column in tables.values()]))
+    files = [_files_of_events(column, mapped.files, whose[path]) for path, column in tables.items()]
+    known = [of for of in files if of is not None]
+    return at, columns[0].name, columns[0].unit, np.concatenate(known) if len(known) == len(files) else None
 
 
 def _files_of_events(
-    columns: Mapping[str, NDArray[Any]], files: Sequence[SourceFile], events: int
+    column: TableColumn, files: Sequence[SourceFile], numbers: Sequence[int]
 ) -> NDArray[np.intp] | None:
-    """Number of the file of each event, -1 for that of none; `None` where no column names files."""
-    found = file_rows(columns, files).rows
-    of = np.full(events, -1)
-    for number, file in enumerate(files):
-        of[found.get(file.path, [])] = number
+    """Number of the file of each event of a table of some files, -1 for that of none; `None` if nothing tells."""
+    of = np.full(len(column.values), -1)
+    if len(numbers) == 1 < len(files):
+        of[:] = numbers[0]
+    found = file_rows(column.texts_beside, [files[number] for number in numbers]).rows
+    for number in numbers if found else ():
+        of[found[files[number].path]] = number
     return of if (of >= 0).any() else None
 
 

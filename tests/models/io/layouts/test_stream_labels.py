@@ -268,3 +268,22 @@ def test_a_column_of_frames_is_one_though_frames_have_times(tmp_path):
     for keep in (None, "ok=1"):
         taps = load_mapped(tmp_path / "s.csv", how.changed(keep=keep)).taps
         assert taps.taps[:, 0, 0].tolist() == [20, 50, 70]
+
+
+def test_each_file_may_have_a_table_of_its_presses(tmp_path, rng):
+    """Called after it, with their labels and the date of its session."""
+    expected_taps = []
+    for name, presses in (("a", [10, 40, 70]), ("b", [20, 60])):
+        stream(tmp_path / f"in/rec_{name}.csv", presses)
+        order = rng.permutation(len(presses))
+        day = [f"2026-11-2{7 - len(presses)} 10:00"] * len(presses)
+        labels = table(tmp_path / f"in/presses_{name}.csv", np.array(presses)[order], rng, day=day)
+        places = np.argsort(order).tolist()
+        expected_taps += [row[1:] for row in expected(labels, places)]
+    how = CUT.changed(trigger="events", events="presses_{what}.csv:onset", files="rec_{what}.csv")
+    how = how.changed(what="presses_{what}.csv:object", where="presses_{what}.csv:angle")
+
+    taps = load_mapped(tmp_path / "in", how.changed(session="date:presses_{what}.csv:day")).taps
+
+    assert [row[1:] for row in labelled(taps)] == expected_taps
+    assert taps.session.tolist() == [0, 0, 0, 1, 1]
