@@ -179,7 +179,8 @@ class FileRead:
         how = self.how
         ends = tap_columns(how) if isinstance(how.tap, str) and how.tap.startswith("ends:") else ()
         others = filter(None, (how.time, how.taxel, *ends, *tables_of(how).values()))
-        apart = {*self.names, *(self.contents.named(filled(name, self.file.fields)) for name in others)}
+        full = [name_of(name, self.file, self.contents) for name in others]
+        apart = {*self.names, *(self.contents.named(name) for name in full if name not in self.contents.attributes)}
         return [name for name in self.values if name not in apart and self.contents.clock(name) != name]
 
     def place(self, row: int) -> str:
