@@ -1,14 +1,16 @@
 """The files of a recording: those that were named, or those below a folder that match a pattern."""
 
+import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
+from re import Match, Pattern
 
 from ...errors import InputError, check_path
 from .formats.registry import ENDINGS, ending, unknown
 from .mapping import TapMap, option
-from .patterns import compiled_pattern, fields_of, natural
+from .patterns import FIELDS, NUMBERS, compiled_pattern, fields_of, natural
 
 _MOST_SHOWN = 5
 
@@ -84,18 +86,34 @@ def _below(path: Path, number: int, how: TapMap) -> Iterator[SourceFile]:
         return
     pattern = compiled_pattern(how.files, "files (--files)")
     names = [name for name in names if not _is_table(name, how)]
-    matched = [
-        (name, found) for name in names if (found := pattern.fullmatch(_small_ending(name)) or pattern.fullmatch(name))
-    ]
+    matched = [(name, found) for name in names if (found := _match(pattern, name))]
     if not matched:
         shown = ", ".join(names[:_MOST_SHOWN]) or "none"
-        raise InputError(f"{path}: none of {len(names)} files matches files (--files) {how.files!r}; files: {shown}.")
+        why = _no_number(how.files, names) or f"; files: {shown}."
+        raise InputError(f"{path}: none of {len(names)} files matches files (--files) {how.files!r}{why}")
     yield from (SourceFile(path / name, name, number, found.groupdict()) for name, found in matched)
 
 
-def _small_ending(name: str) -> str:
-    """The name with its ending in small letters, as patterns of files have them."""
-    return name.removesuffix(PurePosixPath(name).suffix) + ending(name)
+def _no_number(pattern: str, names: Sequence[str]) -> str:
+    """End of a sentence on a field that must be a number and is none in the first name that would match otherwise."""
+    free = re.sub(r"\{(\w+)\}", lambda found: f"{{{found[1]}{'_' * (found[1] in NUMBERS)}}}", pattern)
+    any_text = compiled_pattern(free, "", (*FIELDS, *(f"{name}_" for name in NUMBERS)))
+    for name in names:
+        fields = match.groupdict() if (match := _match(any_text, name)) else {}
+        for field_name, text in fields.items():
+            number = field_name.removesuffix("_")
+            if number != field_name and not compiled_pattern(f"{{{number}}}", "").fullmatch(text):
+                return (
+                    f": {{{number}}} must be one number, with letters around it, but is {text!r} in {name}. List it in a "
+                    "table with the names of the files, as in labels.csv:COLUMN, or call the field {what} or {session}."
+                )
+    return ""
+
+
+def _match(pattern: Pattern[str], name: str) -> Match[str] | None:
+    """Match of a name, or of the name with its ending in small letters, as patterns of files have them."""
+    small = name.removesuffix(PurePosixPath(name).suffix) + ending(name)
+    return pattern.fullmatch(small) or pattern.fullmatch(name)
 
 
 def _is_table(name: str, how: TapMap) -> bool:
@@ -147,9 +165,10 @@ def _labelled(file: SourceFile, patterns: dict[str, str]) -> SourceFile:
     for key, text in patterns.items():
         kind, _, pattern = text.partition(":")
         name = file.path.name if kind == "file" else file.below
-        found = compiled_pattern(pattern, option(key)).fullmatch(name)
+        found = _match(compiled_pattern(pattern, option(key)), name)
         if found is None:
-            raise InputError(f"{file.path}: its name {name!r} does not match {option(key)} {text!r}.")
+            why = _no_number(pattern, [name]) or "."
+            raise InputError(f"{file.path}: its name {name!r} does not match {option(key)} {text!r}{why}")
         for field_name, value in found.groupdict().items():
             if fields.setdefault(field_name, value) != value:
                 raise InputError(f"{file.path}: {{{field_name}}} is {fields[field_name]!r} and {value!r}.")

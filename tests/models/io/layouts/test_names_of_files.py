@@ -127,3 +127,19 @@ def test_sessions_by_a_date_in_the_name_are_in_its_order(keys, tmp_path):
     taps = load_mapped(tmp_path, TapMap(taxels="a", tap="file", **keys)).taps
     assert dict(zip(taps.taps[:, 0, 0].tolist(), taps.session.tolist(), strict=True)) == {0: 2, 1: 0, 2: 1}
     assert len(taps.what_name) == 1
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [
+        {"files": "{what}_d{where}mm_r{trial}.csv"},
+        {"what": "file:{what}_*.csv", "where": "file:*_d{where}mm_r{trial}.csv", "files": "**/*"},
+        {"files": "{what}_d{x}mm_r{trial}.CSV"},
+    ],
+)
+def test_a_field_that_is_no_number_is_told(keys, tmp_path):
+    for name in ("rod_d1mm_r1.CSV", "rod_d0p5mm_r1.CSV"):
+        (tmp_path / name).write_text("a\n1\n2\n")
+    (tmp_path / "rod_d1mm_r1.CSV").unlink()
+    with pytest.raises(InputError, match=r": {(where|x)} must be one number, .* but is '0p5' in rod_d0p5mm_r1.CSV"):
+        load_mapped(tmp_path, TapMap(taxels="a", tap="file", **keys))
