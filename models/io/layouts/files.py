@@ -104,8 +104,8 @@ def _no_number(pattern: str, names: Sequence[str]) -> str:
             number = field_name.removesuffix("_")
             if number != field_name and not compiled_pattern(f"{{{number}}}", "").fullmatch(text):
                 return (
-                    f": {{{number}}} must be one number, with letters around it, but is {text!r} in {name}. List it in a "
-                    "table with the names of the files, as in labels.csv:COLUMN, or call the field {what} or {session}."
+                    f": {{{number}}} must be one number, with letters around it, but is {text!r} in {name}. List it "
+                    "in a table beside the files, as labels.csv:COLUMN, or call the field {what} or {session}."
                 )
     return ""
 

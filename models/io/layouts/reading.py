@@ -106,12 +106,16 @@ def _in_file(name: str, read: "FileRead", key: str) -> Label:
         return np.array(value.values) if isinstance(value, Several) else value
     found = read.values[contents.named(name)]
     if isinstance(found, list):
-        raise InputError(f"{name} has elements of different shapes, so it holds no labels.")
+        if [each.size for each in found] != list(read.signal.counts):
+            raise InputError(f"{name} has elements of different shapes, so it holds no labels.")
+        found = np.concatenate([each.reshape(-1) for each in found])
     counts = len(read.signal.samples), read.arrays
     if key in ("what", "where") and (index := _one_hot(found, counts)) is not None:
         found = index + read.how.one_based
     elif found.size == max(found.shape, default=1) or found.shape == read.signal.lengths:
         found = found.reshape(-1)
+    if found.ndim == 1 and len(found) == len(read.signal.counts) < len(read.signal.samples):
+        found = np.repeat(found, read.signal.counts)
     if found.ndim > 1:
         raise InputError(f"{name} has shape {found.shape}, expected one value for each tap.")
     if len(found) == read.arrays > 1 and (read.how.tap == "file" or len(found) != len(read.signal.samples)):

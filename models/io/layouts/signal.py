@@ -24,12 +24,14 @@ class Signal:
     Attributes:
         samples: Taps, shape (n, J, K) or a list of n of shape (J_i, K); or frames of a stream, shape (R, K).
         axis_index: Index of each tap along the axes that are labels, each of shape (n,).
-        lengths: Of the axes of labels and taps in their order.
+        lengths: Of the axes of labels and taps in their order, or of those of elements that differ in shape.
+        counts: Number of taps of each of these elements.
     """
 
     samples: Values
     axis_index: dict[str, NDArray[np.intp]] = field(default_factory=dict)
     lengths: tuple[int, ...] = ()
+    counts: tuple[int, ...] = ()
 
     @property
     def cut(self) -> bool:
@@ -110,18 +112,26 @@ def _lead(values: list[NDArray[Any]], shape: Sequence[int | None]) -> tuple[int,
 
 
 def _of_elements(values: list[NDArray[Any]], axes: Sequence[str], name: str, lead: tuple[int, ...]) -> Signal:
-    """Taps that differ in shape, along axes of labels or of taps."""
-    labels, rest = axes[: len(lead)], axes[len(lead) :]
-    if set(labels) & set(_FRAMES) or not set(rest) <= set(_FRAMES):
+    """Taps of elements that differ in shape, along axes of labels or of taps, which elements may have as well."""
+    outer, inner = axes[: len(lead)], axes[len(lead) :]
+    if set(outer) & set(_FRAMES):
         raise InputError(
-            f"{name}: its elements differ in shape, so axes (--axes) must be tap or a label, and then sample and taxel."
+            f"{name}: its elements differ in shape, so axes (--axes) must begin with tap or a label for each of "
+            f"{_axes(len(lead))} of elements, got {', '.join(axes)}."
         )
     for number, each in enumerate(values):
-        if each.ndim != len(rest):
-            raise InputError(f"{name}: element {number} has {_axes(each.ndim)}, others {len(rest)}.")
+        if each.ndim != len(inner):
+            raise InputError(f"{name}: element {number} has {_axes(each.ndim)}, others {len(inner)}.")
         check_real(f"{name}[{number}]", each)
-    taps = [_in_order(each, rest, _FRAMES) for each in values]
-    return Signal(taps, _label_index(labels, lead), lead)
+    parts = [_of_array(each, inner) for each in values]
+    taps = [tap for part in parts for tap in (part.samples if part.cut else [np.asarray(part.samples)])]
+    counts = tuple(len(part.samples) if part.cut else 1 for part in parts)
+    index = {axis: np.repeat(along, counts) for axis, along in _label_index(outer, lead).items()}
+    for axis in parts[0].axis_index:
+        if axis in index:
+            raise _twice(axis)
+        index[axis] = np.concatenate([part.axis_index[axis] for part in parts])
+    return Signal(taps, index, lead, counts)
 
 
 def _of_array(values: NDArray[Any], axes: Sequence[str]) -> Signal:
@@ -138,10 +148,14 @@ def _label_index(labels: Sequence[str], lengths: Sequence[int]) -> dict[str, NDA
     found: dict[str, NDArray[np.intp]] = {}
     for axis, along in zip(labels, np.indices(lengths).reshape(len(labels), -1), strict=True):
         if axis in found and axis != "tap":
-            raise InputError(f"axes (--axes) has {axis} twice; only tap, sample and taxel may be repeated.")
+            raise _twice(axis)
         found[axis] = along
     found.pop("tap", None)
     return found
+
+
+def _twice(axis: str) -> InputError:
+    return InputError(f"axes (--axes) has {axis} twice; only tap, sample and taxel may be repeated.")
 
 
 def _in_order(values: NDArray[Any], axes: Sequence[str], wanted: Sequence[str]) -> NDArray[Any]:
