@@ -134,6 +134,8 @@ class Preprocessing:
     def differences(self, other: Self, here: str = "here", there: str = "there") -> list[str]:
         """Differences of `other`, one phrase per field; empty if both are equal.
 
+        The rate of the sensor does not count: samples of one rate may come from sensors of several.
+
         Args:
             other: Another record.
             here: Description of this one's owner.
@@ -142,14 +144,14 @@ class Preprocessing:
         return [
             f"{field.name} is {getattr(self, field.name)} {here} and {getattr(other, field.name)} {there}"
             for field in fields(self)
-            if getattr(self, field.name) != getattr(other, field.name)
+            if field.name != "sensor_hz" and getattr(self, field.name) != getattr(other, field.name)
         ]
 
     def advice(self, other: Self) -> str:
         """What to do where `other` differs by a rate of nearly the same value, else nothing; begins with a blank."""
-        rates = [(self.rate_hz, other.rate_hz), (self.sensor_hz, other.sensor_hz)]
-        close = [one for one, two in rates if one and two and one != two and abs(one / two - 1) < _CLOSE]
-        return f" If both are of one sensor, convert with its rate, such as --rate {close[-1]:.3g}." if close else ""
+        one, two = self.rate_hz, other.rate_hz
+        close = one and two and one != two and abs(one / two - 1) < _CLOSE
+        return f" If both are of one sensor, convert with its rate, such as --rate {one:.3g}." if close else ""
 
     def to_dict(self) -> dict[str, Any]:
         """Fields by name; `sensor_hz` and `taxels` only if they are not `None`, so earlier records keep their text."""

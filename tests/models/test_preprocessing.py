@@ -390,10 +390,8 @@ def test_a_record_with_another_rate_and_some_taxels_survives_its_text():
 
     assert Preprocessing.from_json(record.to_json()) == record
     assert hash(record)
-    assert record.differences(Preprocessing(samples=4, rate_hz=50.0)) == [
-        "sensor_hz is 1000.0 here and None there",
-        "taxels is (0, 3) here and None there",
-    ]
+    other = Preprocessing(samples=4, rate_hz=50.0)
+    assert record.differences(other) == ["taxels is (0, 3) here and None there"]  # the sensor may have any rate
 
 
 def test_a_sensor_of_the_same_rate_needs_no_resampling():

@@ -162,11 +162,12 @@ def _common_rate(found: Sequence[Piece]) -> float | None:
     if not timed:
         return None
     rate, chance = common_rate([pace for _, pace in timed])
-    usual = float(np.median([1 / pace.period_s for _, pace in timed]))
-    for (path, pace), by_chance in zip(timed, chance, strict=True):
-        if abs(1 / pace.period_s / usual - 1) > max(_SAME_RATE, by_chance):
+    path, first = timed[0]
+    for (other, pace), by_chance in zip(timed, chance, strict=True):
+        if abs(first.period_s / pace.period_s - 1) > max(_SAME_RATE, by_chance):
             raise InputError(
-                f"{path}: {1 / pace.period_s:.4g} samples per second, others {usual:.4g}; resample, or say the rate "
-                "with --rate."
+                f"{other}: {1 / pace.period_s:.4g} samples per second, {path} {1 / first.period_s:.4g}. If they are of "
+                "one rate, say it with --rate; else convert files of each rate alone, with one --resample, and then "
+                "these together: solidtouch convert a.nc b.nc all.nc."
             )
     return rate

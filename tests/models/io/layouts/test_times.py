@@ -6,7 +6,7 @@ from solidtouch.models.errors import InputError
 from solidtouch.models.io.layouts.mapping import TapMap
 from solidtouch.models.io.layouts.tap_set import load_mapped
 from solidtouch.models.io.layouts.times import in_seconds
-from solidtouch.models.taps import check_alike
+from solidtouch.models.taps import check_alike, concatenate
 
 AT = 1795687200.25  # 2026-11-26 10:00:00.25 in Greenwich
 
@@ -93,8 +93,25 @@ def test_rates_that_differ_are_told_with_the_way_out(tmp_path):
 
     with pytest.raises(InputError, match=r"rate_hz is 98\.37 here and 98\.43 there\. If both .* --rate 98\.4\."):
         check_alike([one, other], ["one.nc", "other.nc"])
-    with pytest.raises(InputError, match=r"98\.43 samples per second, others 95\.2.*--rate"):
+    with pytest.raises(
+        InputError, match=r"92\.csv: 92 samples per second, .*98\.43\.csv 98\.43\. If .* --rate; else convert files of"
+    ):
         load_mapped([tmp_path / "98.43.csv", timed(tmp_path / "92.csv", np.arange(100) / 92)], TAPS)
+
+
+def test_sessions_of_several_rates_go_together_at_one(tmp_path):
+    """Resampled each on its own; both then show the same wave."""
+    parts = []
+    for rate in (100, 200):
+        at = np.arange(2 * rate) / rate
+        path = tmp_path / f"{rate}.csv"
+        path.write_text("t,s\n" + "".join(f"{t:.3f},{np.sin(8 * t):.6f}\n" for t in at))
+        how = TapMap(taxels="s", time="t", trigger="clock", window=20, resample=50.0)
+        parts.append(load_mapped(path, how).taps)
+    joined = concatenate(parts)
+
+    assert joined.preprocessing.rate_hz == 50
+    np.testing.assert_allclose(parts[0].taps[1:-1], parts[1].taps[1:-1], atol=0.01)
 
 
 def test_times_that_do_not_increase_are_refused(tmp_path):
