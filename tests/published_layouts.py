@@ -229,7 +229,8 @@ def stag(folder: Path) -> Facts:
     column |= {"isBalanced": np.ones(n), "hasValidLabel": frame % 4 != 1}
     arrays = {key: of.astype(float)[:, None] for key, of in column.items()}
     pressure = counted(n, 32, 32).astype(np.uint16)
-    savemat(folder / "metadata.mat", {"pressure": pressure, "objects": names, **arrays})
+    (folder / "classification").mkdir()
+    savemat(folder / "classification/metadata.mat", {"pressure": pressure, "objects": names, **arrays})
     return Facts(
         shape=(9, 1, 1024),
         objects=("allen_key_set", "ball", "empty_hand"),

@@ -78,9 +78,9 @@ def _below(path: Path, number: int, how: TapMap) -> Iterator[SourceFile]:
     names = names_below(path)
     if how.files is None:
         names = [name for name in names if not _is_table(name, how)]
-        kinds = kinds_of(path, names)
-        if len({ENDINGS[kind] for kind in kinds}) > 1:
-            counted = ", ".join(f"{n} {kind}" for kind, n in kinds.most_common(_MOST_SHOWN))
+        kinds = kinds_of(path, names, how.format)
+        if len({ENDINGS.get(kind, kind) for kind in kinds}) > 1:
+            counted = ", ".join(f"{n} {kind or 'without ending'}" for kind, n in kinds.most_common(_MOST_SHOWN))
             raise InputError(f"{path}: holds files of several kinds ({counted}); say which with files (--files).")
         yield from (SourceFile(path / name, name, number) for name in names if ending(name) in kinds)
         return
@@ -128,15 +128,21 @@ def is_folder(path: Path) -> bool:
     return path.is_dir() and ending(path.name) not in ENDINGS
 
 
-def kinds_of(folder: Path, names: Sequence[str]) -> Counter[str]:
-    """Endings of the files of known kinds among those of a folder.
+def kinds_of(folder: Path, names: Sequence[str], stated: str | None = None) -> Counter[str]:
+    """Endings of the files of known kinds among those of a folder, or of a format that is stated, if any end so.
 
     Raises:
         InputError: There is none.
     """
-    kinds = Counter(kind for name in names if (kind := ending(name)) in ENDINGS)
+    every = Counter(map(ending, names))
+    kinds = Counter({kind: n for kind, n in every.items() if kind in ENDINGS})
+    if stated is not None:
+        known = {kind: n for kind, n in kinds.items() if ENDINGS[kind] == stated}
+        kinds = Counter(known or {kind: n for kind, n in every.items() if kind not in ENDINGS})
     if not kinds:
-        raise unknown(folder, names, f"no file of a known kind in this folder ({', '.join(sorted(ENDINGS))})")
+        such = f"*{max(every, key=lambda kind: every[kind], default='')}"
+        way = f"; if those called {such} are text, say format (--format) text" if every and stated is None else ""
+        raise unknown(folder, names, f"no file of a known kind in this folder ({', '.join(sorted(ENDINGS))}){way}")
     return kinds
 
 

@@ -143,3 +143,22 @@ def test_a_field_that_is_no_number_is_told(keys, tmp_path):
     (tmp_path / "rod_d1mm_r1.CSV").unlink()
     with pytest.raises(InputError, match=r": {(where|x)} must be one number, .* but is '0p5' in rod_d0p5mm_r1.CSV"):
         load_mapped(tmp_path, TapMap(taxels="a", tap="file", **keys))
+
+
+def test_files_of_an_unknown_ending_need_their_format(tmp_path):
+    """And a pattern if there are several endings."""
+    for number in range(3):
+        (tmp_path / f"{number}.lvm").write_text("a\n1\n2\n")
+    how = TapMap(taxels="a", tap="file", format="text")
+    with pytest.raises(InputError, match=r"; if those called \*\.lvm are text, say format \(--format\) text\."):
+        load_mapped(tmp_path, how.changed(format=None))
+    assert len(load_mapped(tmp_path, how).taps) == 3
+    (tmp_path / "notes.md").write_text("x")
+    with pytest.raises(InputError, match=r"several kinds \(3 \.lvm, 1 \.md\); say which with files \(--files\)"):
+        load_mapped(tmp_path, how)
+    (tmp_path / "3.csv").write_text("a\n1\n2\n")
+    assert len(load_mapped(tmp_path, how).taps) == 1
+    (tmp_path / "own").mkdir()
+    (tmp_path / "own/a.npy").write_text("x")
+    with pytest.raises(InputError, match=r"no file of a known kind in this folder \([^;]*$"):
+        load_mapped(tmp_path / "own", how)
