@@ -96,7 +96,7 @@ def _layout(path: Path, how: TapMap) -> tuple[str, ...]:
     line = next(filter(str.strip, content.splitlines()), "")
     cells = [cell for cell in re.split(r"[,;\t| ]", line) if cell.strip()]
     numbers = sum(_NUMBER.fullmatch(cell.strip()) is not None for cell in cells)
-    return kind, "numbers" if 2 * numbers >= len(cells) else _NUMBER.sub("#", line)
+    return kind, f"{len(cells)} numbers" if 2 * numbers >= len(cells) else _NUMBER.sub("#", line)
 
 
 def is_row(names: Sequence[str]) -> bool:
@@ -114,19 +114,25 @@ def bytes_of(path: Path) -> int:
         return 0
 
 
-def files_guesses(files: Sequence[SourceFile], groups: Sequence[Sequence[SourceFile]], of_taps: bool) -> list[Guess]:
+def files_guesses(
+    files: Sequence[SourceFile],
+    groups: Sequence[Sequence[SourceFile]],
+    of_taps: bool,
+    taken: Set[str] = frozenset(),
+) -> list[Guess]:
     """The pattern of the files of a recording beside other ones, and its fields.
 
     Args:
         files: Those of the recording.
         groups: These, and others beside them.
         of_taps: As for `name_pattern`.
+        taken: Likewise.
     """
     names = [f"{file.below.removesuffix(file.path.suffix)}{ending(file.below)}" for file in files]
     others = [file.below for group in groups[1:] for file in group]
     if len(names) == 1 and not others:
         return []
-    pattern, fields = name_pattern(names, of_taps)
+    pattern, fields = name_pattern(names, of_taps, taken)
     if not pattern:
         pattern = f"**/*{ending(names[0])}"
         if len(names) == 1 and _taken(pattern, others):
@@ -204,6 +210,8 @@ def tables_beside(
         shown_names = ", ".join(list(columns)[:_MOST_COLUMNS])
         told.append(f"{whose}: another layout{f' ({shown_names})' if shown_names else ''}, not part of the recording.")
         name = _template([file.below for file in group], files, str(called.get("files", "")))
+        if not name and (one := list(_labels_beside(group[0].below, columns, set(called), values))):
+            told.append(f'Perhaps: {one[0].key} = "{one[0].value}" (one of {len(group)} tables)')
         if not name or not columns:
             continue
         if not called.keys() & {"tap", "taps", "axes"} or called.get("trigger") == "signal":
@@ -214,6 +222,7 @@ def tables_beside(
         for guess in _labels_beside(name, columns, {*called, *found}, values):
             found.setdefault(guess.key, guess)
         used = {str(guess.value).removeprefix(f"{name}:") for guess in found.values()}
+        used |= {each for each, of in columns.items() if _counts_up(of)}
         spare |= len(columns) > 1 and not set(columns) <= used
     if len(groups) > _MOST_TABLES:
         told.append(f"... and files of {len(groups) - _MOST_TABLES} further layouts.")
@@ -282,12 +291,18 @@ def _names_of_indices(
     numbers = [of for each in columns.values() if (of := as_floats(each)) is not None]
     texts = [each for each, of in columns.items() if as_floats(of) is None and len(set(of.tolist())) == len(of)]
     for first in (0, 1):
-        counted_up = any((of == np.arange(first, first + len(of))).all() for of in numbers)
+        counted_up = any(_counts_up(of, (first,)) for of in numbers)
         if texts and counted_up and set(np.unique(index)) <= set(range(first, first + len(columns[texts[0]]))):
             yield Guess("what_names", f"{name}:{texts[0]}", f"names of the numbers of {called['what']}")
             if first:
                 yield Guess("one_based", True, "the table numbers them from 1")
             return
+
+
+def _counts_up(values: NDArray[Any], begins: Sequence[int] = (0, 1)) -> bool:
+    """Whether numbers are those of the rows, from 0 or 1."""
+    floats = as_floats(values)
+    return floats is not None and any((floats == np.arange(first, first + len(floats))).all() for first in begins)
 
 
 def _labels_beside(

@@ -33,6 +33,7 @@ TAP_AXES = ("tap", "sample", "taxel")
 CHECK = "check which axis is which"
 FEW = 200
 """Distinct values of a column that can be labels."""
+_ROWS = 8
 
 
 class Guess(NamedTuple):
@@ -133,3 +134,31 @@ def indices(called: Mapping[str, Any], values: Mapping[str, NDArray[Any]]) -> di
     names = {key: called[key] for key in ("what", "where") if isinstance(called.get(key), str)}
     index = {key: values[name] for key, name in names.items() if name in values}
     return {key: of for key, of in index.items() if of.dtype.kind in "iuf" and of.size and np.isfinite(of).all()}
+
+
+def is_class(values: NDArray[Any]) -> bool:
+    """Whether these are few whole numbers from 0 or 1."""
+    distinct = np.unique(as_floats(values))  # pyright: ignore - they are numbers
+    return 1 < len(distinct) <= few(values) and distinct[0] in (0, 1) and bool((np.diff(distinct) == 1).all())
+
+
+def counts(values: NDArray[np.float64]) -> bool:
+    """Whether each of several rows has the same number, and the next ones that after it."""
+    return repeats(values) and set(np.diff(values)) == {0.0, 1.0}
+
+
+def only_counts(values: NDArray[Any]) -> bool:
+    """Whether numbers rise by the same step throughout, as those of rows or samples do."""
+    floats = as_floats(values)
+    steps = np.zeros(0) if floats is None else np.unique(np.diff(floats))
+    return len(values) > _ROWS and len(steps) == 1 and steps[0] >= 1
+
+
+def few(values: NDArray[Any]) -> int:
+    """How many different values of so many rows can be labels."""
+    return min(FEW, max(2, len(values) // 2))
+
+
+def repeats(values: NDArray[Any]) -> bool:
+    """Whether each value stays the same for three rows or more, on average."""
+    return bool(len(values) > 2 * (1 + np.count_nonzero(values[1:] != values[:-1])))

@@ -1,7 +1,7 @@
 """Guesses what the arrays of a file mean: samples, their axes and labels."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from ..formats.contents import Contents, Variable
 from ..mapping import LABELS
+from ..patterns import compiled_pattern
 from .guess import CHECK, NAMES, TAP_AXES, Guess, increases, indices, is_number, like, plain, shape_of, size_of
 from .guess_names import name_pattern
 
@@ -31,10 +32,13 @@ def array_guesses(
         of_names: Whether the names of these files tell objects, positions or trials.
     """
     variables = contents.variables
-    if not variables:
+    if not any(map(is_number, variables.values())):
         return []
     name = max(variables, key=lambda of: (is_number(variables[of]), not like("time", _own(of)), size_of(variables[of])))
-    alike, pattern, fields = _called_alike(name, variables)
+    alike, pattern, fields = _called_alike(
+        name, {**variables, **{each: of for other in others for each, of in other.variables.items()}}
+    )
+    alike = [each for each in alike if each in variables]
     further = (other.variables[name].shape for other in others if name in other.variables)
     shapes = [variables[each].shape for each in alike] + list(further)
     keys = {guess.key for guess in fields}
@@ -87,21 +91,17 @@ def _each_a_tap(rank: int, several: int, keys: set[str], of_names: bool) -> bool
 def _one_tap(shapes: Sequence[_Shape]) -> Iterator[Guess]:
     """Each array or file is a tap; the axis that differs between them is that of samples."""
     yield Guess("tap", "file", "each array is one tap, if it is")
-    if len(shapes[0]) == 1:
+    rank = len(shapes[0])
+    if rank == 1:
         yield Guess("axes", "sample", "numbers one after the other")
         return
-    if len(shapes[0]) == len(TAP_AXES):
-        yield Guess("axes", "sample,taxel,taxel", f"shape {' x '.join(map(str, shapes[0]))}; {CHECK}")
-        return
-    differ = [len({shape[axis] for shape in shapes if len(shape) == len(shapes[0])}) > 1 for axis in (0, 1)]
-    if differ == [False, True]:
-        yield Guess("axes", "taxel,sample", "taps differ in the length of the second axis")
-    elif differ == [True, False]:
-        yield Guess("axes", "sample,taxel", "taps differ in the length of the first axis")
-    else:
-        shape = " x ".join("?" if n is None else str(n) for n in shapes[0])
-        yield Guess("axes", "sample,taxel", f"shape {shape}; {CHECK}")
-    if any(differ):
+    differ = [axis for axis in range(rank) if len({shape[axis] for shape in shapes if len(shape) == rank}) > 1]
+    at = differ[0] if len(differ) == 1 else 0
+    shape = " x ".join("?" if n is None else str(n) for n in shapes[0])
+    ordinal = ("first", "second", "third")[at]
+    reason = f"taps differ in the length of the {ordinal} axis" if len(differ) == 1 else f"shape {shape}; {CHECK}"
+    yield Guess("axes", ",".join("sample" if axis == at else "taxel" for axis in range(rank)), reason)
+    if differ:
         yield Guess("length", "shortest", "taps differ in length")
 
 
@@ -250,15 +250,23 @@ def _called_alike(name: str, variables: Mapping[str, Variable]) -> tuple[list[st
     same = [each for each in same if len(re.findall("[/.]", each)) == depth]
     by_text = [each for each in same if _stem(re.split("[/.]", each)[-1]) == _stem(re.split("[/.]", name)[-1])]
     by_number = [each for each in by_text if _stem(each) == _stem(name)]
-    if any(_NO_OBJECT.search(re.sub("[^/.]*$", "", each)) for each in by_text):
+    groups = {part for each in by_text for part in re.split("[/.]", each)[:-1]}
+    if any(map(_NO_OBJECT.search, (part for part in groups if not re.search(r"\d", part)))):
         by_text = by_number
     if any(map(_NO_OBJECT.search, same)) or not re.search(r"\d", name):
         same = by_text
     for alike in (same, by_text, by_number):
         pattern, fields = name_pattern(alike, of_taps=len(shape) < len(TAP_AXES))
+        if any(each not in alike and is_number(variables[each]) for each in _matched(pattern, variables)):
+            continue
         if pattern and (alike is by_text or alike is by_number or {"what", "trial"} <= {guess.key for guess in fields}):
             return alike, pattern, fields
     return [name], name, []
+
+
+def _matched(pattern: str, names: Iterable[str]) -> list[str]:
+    """The names that a pattern matches; none without one."""
+    return list(filter(compiled_pattern(pattern, "taps").fullmatch, names)) if pattern else []
 
 
 def _own(name: str) -> str:

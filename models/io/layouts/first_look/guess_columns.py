@@ -24,10 +24,15 @@ from .guess import (
     Guess,
     as_floats,
     as_list,
+    counts,
+    few,
     increases,
+    is_class,
     is_number,
     like,
+    only_counts,
     plain,
+    repeats,
     seconds_of,
 )
 
@@ -70,11 +75,10 @@ def column_guesses(
     guesses = _labels(labels, alike, clocks, written)
     lists = [name for name, each in contents.variables.items() if len(each.shape) > 1 and is_number(each)]
     if lists:
-        guesses.pop("tap", None)
-        return [*guesses.values(), *_of_lists(lists, contents, values)]
+        return _of_lists(lists, guesses, contents, values)
     if wide := list(_wide(columns, numeric, numbered, guesses)):
         return [*guesses.values(), *wide]
-    if "tap" not in guesses and "trial" in guesses and _repeats(columns[guesses["trial"].value]):
+    if "tap" not in guesses and "trial" in guesses and repeats(columns[guesses["trial"].value]):
         guesses["tap"] = Guess("tap", guesses["trial"].value, "its values stay the same for many rows")
     if "tap" not in guesses:
         guesses |= {guess.key: guess for guess in _counted_taps(columns, numeric, guesses)}
@@ -85,8 +89,11 @@ def column_guesses(
     used |= {name for guess in guesses.values() for name in as_list(guess.value)}
     stems = Counter(re.sub(r"\d+", "#", name) for name in numeric)
     alone = [name for name in numeric if name.isdecimal() or stems[re.sub(r"\d+", "#", name)] == 1]
-    used |= {name for name in alone if _only_counts(columns[name])}
-    if "tap" not in guesses:
+    used |= {name for name in alone if only_counts(columns[name])}
+    if "tap" not in guesses and (phases := list(_phases(columns))):
+        guesses |= {guess.key: guess for guess in phases}
+        used |= {phases[0].value}
+    elif "tap" not in guesses:
         guesses |= {guess.key: guess for guess in _signal({name: columns[name] for name in numeric - used})}
         used |= {guess.value for guess in guesses.values() if guess.key == "signal"}
     free = [name for name in columns if name in numeric | written and name not in used]
@@ -114,7 +121,7 @@ def _labels(
         guesses = {key: guess for key, guess in guesses.items() if guess.value != second}
         guesses["where"] = Guess("where", [guesses["where"].value, second], "the names of two axes of a plane")
     texts = {name: len(np.unique(each)) for name, each in columns.items() if name not in alike | written}
-    texts = {name: n for name, n in texts.items() if 1 < n <= _few(columns[name])}
+    texts = {name: n for name, n in texts.items() if 1 < n <= few(columns[name])}
     others = [name for name in texts if name not in clocks and not like("where", plain(name))]
     if "what" not in guesses and others:
         guesses["what"] = Guess("what", others[0], f"texts, {texts[others[0]]} different ones")
@@ -142,9 +149,9 @@ def _wide(
     if len(stems) == 1 and any(like(key, plain(next(iter(stems)))) for key in ("tap", "trial")):
         yield Guess("taxels", stems.pop().replace("#", "{trial}"), f"{len(numbered)} columns numbered as taps")
         return
-    whole = [name for name in numeric if _is_class(columns[name])] if all(map(str.isdecimal, columns)) else []
+    whole = [name for name in numeric if is_class(columns[name])] if all(map(str.isdecimal, columns)) else []
     label = guesses["what"].value if "what" in guesses else min(whole, default=None, key=int)
-    if {"time", "tap"} & guesses.keys() or label is None or _repeats(columns[label]):
+    if {"time", "tap"} & guesses.keys() or label is None or repeats(columns[label]):
         return
     pairs = {name: re.findall(r"\d+", name) for name in numbered}
     if len(stems) == 1 and all(len(found) == 2 for found in pairs.values()):
@@ -168,12 +175,6 @@ def _wide(
         yield Guess("axes", "tap,sample", "neighbours are alike: samples of one taxel; without this line, taxels")
 
 
-def _is_class(values: NDArray[Any]) -> bool:
-    """Whether these are few whole numbers from 0 or 1."""
-    distinct = np.unique(as_floats(values))  # pyright: ignore - they are numbers
-    return 1 < len(distinct) <= _few(values) and distinct[0] in (0, 1) and bool((np.diff(distinct) == 1).all())
-
-
 def _sample_last(stem: str, counts: Sequence[int]) -> bool:
     """Whether the second of two numbers in names of columns is that of a sample, by a t before it or their counts."""
     before = [part.rstrip("_.-[( ").lower() for part in stem.split("#")[:2]]
@@ -191,11 +192,6 @@ def _of_long_table(taxel: str, free: Sequence[str]) -> Iterator[Guess]:
     called = [name for name in free if _VALUE.search(plain(name))]
     yield Guess("taxel", taxel, "its name, and rows that repeat its values: a row for each sample of each taxel")
     yield Guess("taxels", [(called or free)[-1]], "a column of values")
-
-
-def _few(values: NDArray[Any]) -> int:
-    """How many different values of so many rows can be labels."""
-    return min(FEW, max(2, len(values) // 2))
 
 
 def _between_taps(tap: Guess | None, columns: Mapping[str, NDArray[Any]]) -> Iterator[Guess]:
@@ -218,13 +214,13 @@ def _whole_numbers(columns: Mapping[str, NDArray[Any]]) -> Iterator[Guess]:
     """Taps and objects of a table without a header: whole numbers that repeat, beside others that have decimals."""
     floats = {name: of for name, each in columns.items() if (of := as_floats(each)) is not None}
     rising = [name for name, of in floats.items() if len(of) > _ROW and (np.diff(of) > 0).all()]
-    times = [name for name in rising if not _only_counts(floats[name])]
+    times = [name for name in rising if not only_counts(floats[name])]
     yield from (Guess("time", name, f"{_steps(name, floats[name])}; check whether it is a time") for name in times[:1])
-    whole = [name for name, of in floats.items() if _is_class(of) or _counts(of)]
+    whole = [name for name, of in floats.items() if is_class(of) or counts(of)]
     if len(whole) == len(floats):
         return
     for key in ("tap", "what"):
-        name = next((each for each in whole if key == "what" or _counts(floats[each])), None)
+        name = next((each for each in whole if key == "what" or counts(floats[each])), None)
         if name is not None:
             whole.remove(name)
             yield Guess(key, name, "whole numbers that repeat; check whether they mean this")
@@ -236,16 +232,20 @@ def _counted_taps(
     """The column that numbers taps one after the other, by what numbers are called."""
     used = {guess.value for guess in guesses.values() if isinstance(guess.value, str)}
     for name in [name for name in columns if name in numeric - used and re.search(_NUMBERING, plain(name), re.I)]:
-        if (floats := as_floats(columns[name])) is not None and _counts(floats):
+        if (floats := as_floats(columns[name])) is not None and counts(floats):
             yield Guess("tap", name, "it counts, and stays the same for many rows; check whether these are taps")
             return
 
 
-def _only_counts(values: NDArray[Any]) -> bool:
-    """Whether numbers rise by the same step throughout, as those of rows or samples do."""
-    floats = as_floats(values)
-    steps = np.zeros(0) if floats is None else np.unique(np.diff(floats))
-    return len(values) > _ROW and len(steps) == 1 and steps[0] >= 1
+def _phases(columns: Mapping[str, NDArray[Any]]) -> Iterator[Guess]:
+    """A column of phases of which one is called a press or contact."""
+    for name, of in columns.items():
+        if re.search(r"phase|state|status", plain(name), re.IGNORECASE) and of.dtype.kind == "U" and repeats(of):
+            pressed = [each for each in np.unique(of).tolist() if re.search(_PRESSED, each, re.IGNORECASE)]
+            if len(pressed) == 1:
+                yield Guess("tap", name, "its name, and phases")
+                yield Guess("keep", f"{name}={pressed[0]}", "the phase of a press, by its name")
+                return
 
 
 def _signal(columns: Mapping[str, NDArray[Any]]) -> Iterator[Guess]:
@@ -263,11 +263,6 @@ def _signal(columns: Mapping[str, NDArray[Any]]) -> Iterator[Guess]:
                 return
 
 
-def _counts(values: NDArray[np.float64]) -> bool:
-    """Whether each of several rows has the same number, and the next ones that after it."""
-    return _repeats(values) and set(np.diff(values)) == {0.0, 1.0}
-
-
 def _named_places(texts: Iterable[str], columns: Mapping[str, NDArray[Any]]) -> Iterator[Guess]:
     """A column of the names of positions, and these in their order of appearance."""
     for name in [name for name in texts if like("where", plain(name))][:1]:
@@ -278,7 +273,7 @@ def _named_places(texts: Iterable[str], columns: Mapping[str, NDArray[Any]]) -> 
 
 def _tells_taxel(name: str, values: NDArray[Any]) -> bool:
     """Whether a column tells the taxel of each row of a long table: it repeats few names, or all numbers of a range."""
-    if not _TAXEL.fullmatch(plain(name)) or not 1 < len(distinct := np.unique(values)) <= _few(values):
+    if not _TAXEL.fullmatch(plain(name)) or not 1 < len(distinct := np.unique(values)) <= few(values):
         return False
     floats = as_floats(distinct)
     return floats is None or (floats.min() in (0, 1) and set(floats - floats.min()) == set(range(len(floats))))
@@ -304,8 +299,8 @@ def _labels_by_name(columns: Mapping[str, NDArray[Any]], numbers: Set[str]) -> d
         each = columns[name]
         if key in guesses or not like(key, plain(name)) or ("time" in guesses and guesses["time"].value == name):
             continue
-        distinct, few = len(np.unique(each)), _few(each)
-        most = {"what": few, "session": few, "where": FEW}.get(key, len(each))
+        distinct, most_few = len(np.unique(each)), few(each)
+        most = {"what": most_few, "session": most_few, "where": FEW}.get(key, len(each))
         fits = increases(each) if key == "time" else name in numbers or key in ("what", "session")
         if fits and distinct <= most:
             reason = _steps(name, each) if key == "time" else f"its name, and {distinct} different values"
@@ -313,14 +308,28 @@ def _labels_by_name(columns: Mapping[str, NDArray[Any]], numbers: Set[str]) -> d
     return guesses
 
 
-def _of_lists(lists: Sequence[str], contents: Contents, values: Mapping[str, NDArray[Any]]) -> Iterator[Guess]:
-    """Which column of lists holds the samples, and what to do where they differ in length."""
-    name = next((name for name in lists if re.search(SIGNAL, plain(name), re.IGNORECASE)), lists[0])
-    yield Guess("taps", name, "lists of numbers")
-    if name not in values:
-        yield Guess("length", "longest", "its lists differ in length")
-    if len(contents.variables[name].shape) == len(TAP_AXES):
-        yield Guess("axes", ",".join(TAP_AXES), f"lists of lists; {CHECK}")
+def _of_lists(
+    lists: Sequence[str], guesses: Mapping[str, Guess], contents: Contents, values: Mapping[str, NDArray[Any]]
+) -> list[Guess]:
+    """Which column of lists holds the samples, the axes of its lists, and labels in other lists."""
+    shapes = {each: of.shape for each, of in contents.variables.items()}
+    name = max(lists, key=lambda each: (len(shapes[each]), re.search(SIGNAL, plain(each), re.IGNORECASE) is not None))
+    samples, rank = Guess("taps", name, "lists of numbers"), len(shapes[name])
+    if rank == 2 and {"tap", "time"} <= guesses.keys():
+        return [*guesses.values(), samples, Guess("axes", "sample,taxel", "a list of taxels for each time")]
+    found = [guess for key, guess in guesses.items() if key != "tap"]
+    outer = rank - len(TAP_AXES)
+    for key in ("what", "where") if outer > 0 else ():
+        fitting = [
+            each for each, of in shapes.items() if len(of) == outer + 1 and like(key, plain(each.split(".")[-1]))
+        ]
+        if fitting:
+            found = [guess for guess in found if guess.key != key]
+            found.append(Guess(key, fitting[0], "its name, and lists as those of taps"))
+    axes = [*[key for key in ("session", "what") if outer > 0][:outer], *TAP_AXES]
+    if rank == len(axes):
+        found.append(Guess("axes", ",".join(axes), f"lists of lists; {CHECK}"))
+    return [*found, samples, *([] if name in values else [Guess("length", "longest", "its lists differ in length")])]
 
 
 def _steps(name: str, values: NDArray[Any]) -> str:
@@ -390,7 +399,3 @@ def _all_hold_a_number(texts: NDArray[Any]) -> bool:
     distinct = np.unique(texts).tolist()[: FEW + 1]
     found = {None if (each := number_in(text)) is None else each[1] for text in distinct}
     return len(distinct) <= FEW and len(found) == 1 and None not in found
-
-
-def _repeats(values: NDArray[Any]) -> bool:
-    return bool(len(values) > 2 * (1 + np.count_nonzero(values[1:] != values[:-1])))

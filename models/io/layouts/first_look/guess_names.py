@@ -1,7 +1,7 @@
 """Guesses which parts of the names of files or arrays are labels."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from typing import NamedTuple
 
 from ..patterns import compiled_pattern, natural, number_in
@@ -28,6 +28,8 @@ _LETTERS = re.compile(r"[^\W\d_]*")
 _LENGTHS = {"mm", "cm", "deg", "grad", "um", "µm", "m"}
 _SESSIONS = 8
 """Files of which each has a number of its own are taps rather than sessions if they are more."""
+_WITH_ENDING = 3
+"""Parts of a name of one word, with what is between."""
 _WORD = 3
 """Letters of a word that is no abbreviation, such as that of a position."""
 NOT_USED = "not used"
@@ -85,7 +87,7 @@ class _Word(NamedTuple):
         return all(map(_DATE.fullmatch, self.values))
 
 
-def name_pattern(names: Sequence[str], of_taps: bool = True) -> tuple[str, list[Guess]]:
+def name_pattern(names: Sequence[str], of_taps: bool = True, taken: Set[str] = frozenset()) -> tuple[str, list[Guess]]:
     """Pattern of the names of files or arrays, and what its fields may be; empty where all names are one.
 
     Names are divided into words and numbers. Where all have equally many and the same letters between them, words that
@@ -95,6 +97,7 @@ def name_pattern(names: Sequence[str], of_taps: bool = True) -> tuple[str, list[
     Args:
         names: The names.
         of_taps: Whether each may be one tap, so that further numbers are trials rather than sessions.
+        taken: Labels that the names do not tell, as columns do.
     """
     if len(names) < 2:
         return "", []
@@ -102,14 +105,14 @@ def name_pattern(names: Sequence[str], of_taps: bool = True) -> tuple[str, list[
         if parts := _divided(names, between):
             columns = [tuple(each[i] for each in parts) for i in range(len(parts[0]))]
             for with_dates in (True, False):
-                pattern, fields, told = _pattern(columns, with_dates, of_taps, whole=between is _BETWEEN[-1])
+                pattern, fields, told = _pattern(columns, with_dates, of_taps, between is _BETWEEN[-1], taken)
                 if fields and _reads(pattern, names, told):
                     return pattern, fields
     return "", []
 
 
 def _pattern(
-    columns: Sequence[tuple[str, ...]], with_dates: bool, of_taps: bool, whole: bool
+    columns: Sequence[tuple[str, ...]], with_dates: bool, of_taps: bool, whole: bool, told: Set[str]
 ) -> tuple[str, list[Guess], dict[str, tuple[str, ...]]]:
     """Pattern of names that are divided, its fields, and the text of each field in each name."""
     words = _words(columns)
@@ -118,8 +121,8 @@ def _pattern(
         for word in words.values():
             left_out = (whole and _tells_nothing(word)) or (word.dates and not with_dates) or _counts(word, words)
             if word.values not in found and not left_out:
-                taken = {guess.key for guess in found.values()}
-                key, reason = _field(word, taken, strict=strict, of_taps=of_taps)
+                taken = {guess.key for guess in found.values()} | told
+                key, reason = _field(word, taken, told, strict=strict, of_taps=of_taps)
                 if key:
                     found[word.values] = Guess(key, f"{{{key}}}", reason, of_names=True)
     pieces = [
@@ -146,8 +149,17 @@ def _divided(names: Sequence[str], between: re.Pattern[str]) -> list[list[str]]:
     """Words of each name, and what is between them; empty where names have not equally many, or other signs between."""
     hidden = (_DATE.sub(lambda date: date[0].translate(_HIDDEN), name) for name in names)
     parts = [[part.translate(_SEEN) for part in between.split(name)] for name in hidden]
+    fewest = min(map(len, parts))
+    if fewest > _WITH_ENDING:
+        parts = [_first_joined(each, len(each) - fewest) for each in parts]
     alike = len({len(each) for each in parts}) == 1
     return parts if alike and len({tuple(each[1::2]) for each in parts}) == 1 else []
+
+
+def _first_joined(parts: list[str], more: int) -> list[str]:
+    """Parts of a path of which the first one of the file's name has so many more, as a name of several words has."""
+    at = max((i + 1 for i, part in enumerate(parts) if i % 2 and "/" in part), default=0)
+    return [*parts[:at], "".join(parts[at : at + more + 1]), *parts[at + more + 1 :]]
 
 
 def _words(columns: Sequence[tuple[str, ...]]) -> dict[int, _Word]:
@@ -188,7 +200,8 @@ def _distinct(values: Sequence[str]) -> list[str]:
 def _piece(word: _Word, guess: Guess | None) -> str:
     """A part of the pattern."""
     if guess is None:
-        return re.sub(r"\d", "?", word.values[0]) if word.dates else "*"
+        of_one_length = word.numbers and len({len(value) for value in word.values}) == 1
+        return re.sub(r"\w" if of_one_length else r"\d", "?", word.values[0]) if word.dates or of_one_length else "*"
     letters = word.letters if word.numbers and guess.key not in ("what", "session") else ""
     return f"{letters}{guess.value}"
 
@@ -208,7 +221,7 @@ def _plane(words: dict[int, _Word]) -> dict[tuple[str, ...], Guess]:
     return {called[axis]: Guess(axis, f"{{{axis}}}", f"numbers after {axis}", of_names=True) for axis in ("x", "y")}
 
 
-def _field(word: _Word, taken: set[str], *, strict: bool, of_taps: bool) -> tuple[str, str]:
+def _field(word: _Word, taken: set[str], told: Set[str], *, strict: bool, of_taps: bool) -> tuple[str, str]:
     """Which field words of names may be, and why; empty if none is left.
 
     What letters, units and dates tell comes first (`strict`); other numbers are the trial if they are the last ones,
@@ -222,7 +235,7 @@ def _field(word: _Word, taken: set[str], *, strict: bool, of_taps: bool) -> tupl
         others = ["trial", "where", "session"] if word.last else ["where", "session", "trial"]
         wanted += others if of_taps else ["session", "trial"]
     if not strict:
-        wanted.append("what")
+        wanted.append("session" if "what" in told else "what")
     taken = taken | ({"where"} if "x" in taken else set())
     key = next((key for key in wanted if key not in taken), "")
     short = all(len(value) == 1 for value in word.values)

@@ -4,7 +4,6 @@ import json
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -17,28 +16,24 @@ from ..assemble import read_mapped
 from ..files import SourceFile, is_folder, names_below, source_files
 from ..formats.contents import Contents, Variable, name_and_unit
 from ..formats.objects import REST
-from ..formats.registry import ENDINGS, ending, open_contents
-from ..formats.text import TextContents
+from ..formats.registry import ending, open_contents
 from ..mapping import TapMap
 from ..patterns import FIELDS, compiled_pattern, fields_of, is_pattern
 from ..tap_set import load_mapped
-from .beside import bytes_of, file_groups, files_guesses, is_row, names_beside, tables_beside
-from .guess import Guess, as_list, rate_guess, shape_of, size_of
+from .beside import bytes_of, file_groups, files_guesses, names_beside, tables_beside
+from .guess import Guess, as_list, like, plain, rate_guess, shape_of, size_of
 from .guess_arrays import array_guesses
 from .guess_columns import column_guesses
+from .opening import BLOCKS, opened, with_comma
 
 _MOST_NAMES, _MOST_VARIABLES, _MOST_ATTRIBUTES = 6, 40, 12
 _COMPARED = 6
 """Files whose arrays are compared."""
-_GERMAN = re.compile(r"-?(\d+|\d{1,3}(\.\d{3})+),\d+")
-"""A number with a decimal comma."""
 _SMALL = 1 << 27
 """Bytes of arrays that are read to show their range."""
-_BLOCKS = 4
-"""Blocks of a table or of messages that are read for it."""
-_BEGIN, _MOST_SKIPPED, _MOST_LEFT = 1 << 14, 60, 8
-_RAGGED, _LONG = re.compile(r"taps have (\d+) to (\d+) samples; say their length"), 200
-"""Taps of different lengths, and the samples of a tap that may be a whole stream."""
+_MOST_LEFT = 8
+_RAGGED, _LONG = re.compile(r"taps have (\d+) to (\d+) samples; say their length"), 300
+"""Taps of different lengths, and the rows above which a file is more likely a stream than a tap."""
 _IN_ORDER, _BY_NUMBER = "is read in the order of the taps", "is read by numbers in the names of files"
 _CLOSE = 0.1
 """Distances of positions below this share of the largest are noise."""
@@ -65,19 +60,24 @@ def look(sources: Sequence[str | Path], how: TapMap) -> str:
     if how.files is None and any(map(is_folder, paths)):
         how, groups = file_groups(paths, how, guesses)
     files = groups[0] if groups else source_files(paths, how)
-    written, contents = _opened(files[0].path, how, guesses)
+    written, contents = opened(files[0].path, how, guesses)
     values = _read(contents)
-    if (comma := _with_comma(values, written)) is not None:
+    if (comma := with_comma(values, written)) is not None:
         guesses.append(comma)
         written = written.changed(decimal=",")
-        contents = open_contents(files[0].path, written.text_table, written.format, _BLOCKS)
+        contents = open_contents(files[0].path, written.text_table, written.format, BLOCKS)
         values = _read(contents)
     lines += ["", f"{files[0].below}:", *_held(contents, values)]
-    others = [open_contents(file.path, written.text_table, how.format, _BLOCKS) for file in _compared(files, contents)]
+    others = [open_contents(file.path, written.text_table, how.format, BLOCKS) for file in _compared(files, contents)]
     lines += _differences(others[:1], contents, files[1:2])
     of_names: list[Guess] = []
+    own = [
+        guess.key
+        for guess in _inside(contents, values, [], [])
+        if guess.key in ("what", "where") and _by_name(guess, values)
+    ]
     for of_taps in (True, False):
-        of_names = files_guesses(files, groups, of_taps) if groups and how.files is None else []
+        of_names = files_guesses(files, groups, of_taps, set(own)) if groups and how.files is None else []
         inside = list(_inside(contents, values, others, of_names))
         if any(guess.key == "tap" and guess.value == "file" for guess in inside):
             break
@@ -92,10 +92,25 @@ def look(sources: Sequence[str | Path], how: TapMap) -> str:
     else:
         guesses, result, also = _tried_with(sources, how, guesses, tables, spare)
         told += also
+    if _is_long(contents, values) and others and not {"tap", "trigger"} & {guess.key for guess in guesses}:
+        told.append('Perhaps: tap = "file" (if each file is one tap)')
     told += _not_used(_whole(how, guesses), contents)
     comments = (f"# {line}".rstrip() for line in map(printable, lines))
     notes = (f"# {line}".rstrip() for line in map(printable, [*told, result]))
     return "\n".join([*comments, "", *_map(how, guesses), *notes, ""])
+
+
+def _by_name(guess: Guess, values: Mapping[str, NDArray[Any]]) -> bool:
+    """Whether a column is called like a label, and changes."""
+    name = guess.value if isinstance(guess.value, str) else ""
+    return (
+        name in values and values[name].ndim == 1 and like(guess.key, plain(name)) and len(np.unique(values[name])) > 1
+    )
+
+
+def _is_long(contents: Contents, values: Mapping[str, NDArray[Any]]) -> bool:
+    """Whether a table has more rows than most taps."""
+    return contents.table and len(next(iter(values.values()), ())) > _LONG
 
 
 def _whole(how: TapMap, guesses: Sequence[Guess]) -> TapMap:
@@ -158,67 +173,6 @@ def _fields_known(text: str, fields: Sequence[str]) -> bool:
     return set(fields_of(text)) <= set(fields) and text.count("{") == len(re.findall(r"\{\w+\}", text))
 
 
-def _opened(path: Path, how: TapMap, guesses: list[Guess]) -> tuple[TapMap, Contents]:
-    """A file, and the map that opens it, with guesses of how a table is written.
-
-    A first row of numbers is no header, and lines before a table have other cells.
-
-    Raises:
-        InputError: It cannot be opened.
-    """
-    try:
-        contents = open_contents(path, how.text_table, how.format, _BLOCKS)
-    except InputError:
-        found = _opened_below(path, how)
-        if found is None:
-            raise
-        written, contents = found
-    else:
-        written = how
-        if isinstance(contents, TextContents) and how.header and is_row(contents.columns):
-            written = how.changed(header=False)
-            contents = open_contents(path, written.text_table, how.format, _BLOCKS)
-    reasons = {"comment": "lines before the table", "skip_rows": "lines before the table"}
-    reasons |= {"decimal": "decimal commas", "header": "numbers in the first row"}
-    changed = [key for key in reasons if getattr(written, key) != getattr(how, key)]
-    guesses += [Guess(key, getattr(written, key), reasons[key]) for key in changed]
-    return written, contents
-
-
-def _opened_below(path: Path, how: TapMap) -> tuple[TapMap, Contents] | None:
-    """A table of text below other lines or without a header, with a column of numbers; `None` where there is none."""
-    if (how.format or ENDINGS.get(ending(path.name))) != "text" or how.skip_rows:
-        return None
-    try:
-        begin = path.read_bytes()[:_BEGIN].lstrip()
-    except OSError:
-        return None
-    mark = next((mark for mark in ("#", "%", "//", ";") if begin.startswith(mark.encode())), None)
-    starts = [{"skip_rows": n} for n in range(min(_MOST_SKIPPED, begin.count(b"\n")))]
-    for start in [{"comment": mark}, *starts] if mark and not how.comment else starts:
-        for decimal, header in product({how.decimal: None, ",": None}, (True, False)):
-            written = how.changed(**start, decimal=decimal, header=header)
-            try:
-                contents = open_contents(path, written.text_table, how.format, _BLOCKS)
-            except InputError:
-                continue
-            kinds = [of.dtype.kind for of in contents.variables.values()]
-            if is_row(contents.columns) if header else any(kind != "f" for kind in kinds[1:]):
-                continue
-            if "f" in kinds and (len(kinds) > 1 or not start.get("skip_rows")):
-                return written, contents
-    return None
-
-
-def _with_comma(values: Mapping[str, NDArray[Any]], how: TapMap) -> Guess | None:
-    """Whether columns hold numbers with a decimal comma."""
-    if how.decimal != ".":
-        return None
-    texts = [of for of in values.values() if of.dtype.kind == "U" and of.ndim == 1 and of.size]
-    found = [of for of in texts if all(map(_GERMAN.fullmatch, of[:_MOST_VARIABLES].tolist()))]
-    return Guess("decimal", ",", f"numbers such as {found[0][0]}") if found else None
-
-
 def _compared(files: Sequence[SourceFile], first: Contents) -> Sequence[SourceFile]:
     """The files that are opened beside the first one."""
     return files[1:2] if first.table else files[1:_COMPARED]
@@ -245,7 +199,14 @@ def _inside(
     grid = any(guess.key == "taxels" and "{" in str(guess.value) for guess in inside)
     cut = {"tap", "taps", "axes"} if contents.table else {"tap"} if "time" in keys else keys
     labels = [values[guess.value] for guess in inside if guess.key in ("what", "where") and str(guess.value) in values]
-    if not keys & cut and not grid and others and tells and all(len(np.unique(of)) == 1 for of in labels):
+    if (
+        not keys & cut
+        and not grid
+        and not _is_long(contents, values)
+        and others
+        and tells
+        and all(len(np.unique(of)) == 1 for of in labels)
+    ):
         yield Guess("tap", "file", "each file is one tap, if it is")
 
 
@@ -291,7 +252,7 @@ def _held(contents: Contents, values: Mapping[str, NDArray[Any]]) -> Iterator[st
         yield f"  ... and {len(attributes) - _MOST_ATTRIBUTES} more attributes"
     if contents.table and values:
         rows = len(next(iter(values.values())))
-        whole = contents.path.stat().st_size < _BLOCKS << 20
+        whole = contents.path.stat().st_size < BLOCKS << 20
         yield f"  {rows} rows" if whole else f"  the first {rows} rows, if there are more"
 
 

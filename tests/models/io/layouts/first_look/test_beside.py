@@ -86,6 +86,29 @@ def test_parts_with_labels_in_files_called_alike(kind, tmp_path):
     assert (found, len(set(taps.session.tolist()))) == (OBJECTS.tolist(), 2)
 
 
+def test_a_table_for_each_stream_lists_its_presses_in_order(tmp_path):
+    quiet = np.zeros((9, 4))
+    for s in (1, 2):
+        some = TAPS[6 * (s - 1) : 6 * s]
+        rows = [(*row, down) for tap in some for part, down in ((quiet, 0), (tap, 1)) for row in part]
+        table(tmp_path / f"in/stream_session{s}.csv", "s0,s1,s2,s3,contact", [*rows, (0, 0, 0, 0, 0)])
+        presses = [(n + 1, name) for n, name in enumerate(OBJECTS[6 * (s - 1) : 6 * s])]
+        table(tmp_path / f"in/trials_session{s}.csv", "press,object", presses)
+    _, how, taps, found = converted(tmp_path / "in")
+
+    assert (how.signal, how.window, how.what) == ("contact", 20, "trials_{session}.csv:object")
+    assert (found, len(set(taps.session.tolist()))) == (OBJECTS.tolist(), 2)
+
+
+def test_one_of_several_tables_of_labels_is_proposed(tmp_path):
+    for n, tap in enumerate(TAPS):
+        table(tmp_path / f"in/rec{n}.csv", "s0,s1,s2,s3", tap)
+    for name in ("labels.csv", "labels_old.csv"):
+        table(tmp_path / f"in/{name}", "file,object", [(f"rec{n}.csv", each) for n, each in enumerate(OBJECTS)])
+
+    assert '# Perhaps: what = "labels.csv:object" (one of 2 tables)' in look([tmp_path / "in"], TapMap())
+
+
 def test_names_of_numbered_objects_in_a_table(tmp_path):
     rows = [(n, 1 + (OBJECTS[n] == "rod"), *row) for n, tap in enumerate(TAPS) for row in tap]
     table(tmp_path / "in/session1.csv", "tap,material_id,s0,s1,s2,s3", rows)

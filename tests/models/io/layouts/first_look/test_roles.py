@@ -192,7 +192,9 @@ def test_labels_that_change_within_a_file_make_it_a_stream(tmp_path):
             [f"rod{d}mm_{a}deg_rep{k}.csv" for d in ("12.5", "25") for a in ("0045", "0090") for k in (1, 2)],
             "{what}_{where}_rep{trial}.csv",
         ),
-        ([f"0{n}_{o}/exp{k}.csv" for n, o in ((1, "cork"), (2, "felt")) for k in (1, 2)], "*_{what}/exp{trial}.csv"),
+        ([f"0{n}_{o}/exp{k}.csv" for n, o in ((1, "cork"), (2, "felt")) for k in (1, 2)], "??_{what}/exp{trial}.csv"),
+        ([f"{w}_{k}.mat" for w in ("black_foam_112", "steel_702") for k in (1, 2)], "{what}_???_{trial}.mat"),
+        (["data/black_foam_01.mat", "data/black_foam_02.mat", "data/steel_01.mat"], "data/{what}_{trial}.mat"),
         ([f"run_{n:03d}.npy" for n in range(20)], "run_{trial}.npy"),
         (["run_1.npy", "run_2.npy"], "run_{session}.npy"),
     ],
@@ -233,3 +235,81 @@ def test_dates_with_underscores_are_sessions(tmp_path):
 )  # fmt: skip
 def test_doubts(header, rows, doubt, tmp_path):
     assert doubt in looked(tmp_path / "r.csv", csv(header, rows))[0]
+
+
+def test_a_phase_called_press_is_a_tap(tmp_path):
+    rows = [(j / 100, "press" if j % 25 >= 10 else "idle", *RNG.random(2).round(3)) for j in range(250)]
+    text, how = looked(tmp_path / "r.csv", csv("t,phase,s0,s1", rows))
+
+    assert (how.tap, how.keep) == ("phase", "phase=press")
+    assert "10 taps, 15 samples x 2 taxels" in text
+
+
+def test_a_list_of_taxels_for_each_time(tmp_path):
+    rows = [{"t": n * 0.01, "touch_id": n // 20, "taxels": RNG.random(3).tolist()} for n in range(120)]
+    text, how = looked(tmp_path / "r.jsonl", "\n".join(map(json.dumps, rows)))
+
+    assert (how.taps, how.tap, how.axes) == ("taxels", "touch_id", "sample,taxel")
+    assert "6 taps, 20 samples x 3 taxels" in text
+
+
+def test_lists_of_sessions_of_taps(tmp_path):
+    taps = [{"object": "ab"[n % 2], "depth_mm": n // 2, "samples": RNG.random((6, 3)).tolist()} for n in range(4)]
+    document = {"fs": 90, "sessions": [{"date": f"2023-0{s}-11", "taps": taps} for s in (1, 2)]}
+    text, how = looked(tmp_path / "r.json", json.dumps(document))
+
+    assert (how.taps, how.axes, how.rate) == ("sessions.taps.samples", "session,tap,sample,taxel", 90)
+    assert (how.what, how.where) == ("sessions.taps.object", "sessions.taps.depth_mm")
+    assert "8 taps, 6 samples x 3 taxels, 2 objects, 2 positions, 2 sessions" in text
+
+
+def test_a_column_of_objects_outweighs_names_of_files(tmp_path):
+    (tmp_path / "in").mkdir()
+    for day in ("monday", "tuesday"):
+        rows = [(n, ["ball", "cube"][n % 2], *RNG.random(2).round(3)) for n in range(4) for _ in range(6)]
+        (tmp_path / f"in/{day}.csv").write_text(csv("tap,object,s0,s1", rows))
+    _, how = looked(tmp_path / "in")
+
+    assert (how.files, how.what) == ("{session}.csv", "object")
+
+
+def test_a_pattern_of_arrays_takes_no_others(tmp_path):
+    with h5py.File(tmp_path / "r.h5", "w") as file:
+        for finger in ("F0", "F1"):
+            file[f"{finger}pac"], file[f"{finger}pdc"] = RNG.random((22, 90)), RNG.random(90)
+    text, how = looked(tmp_path / "r.h5")
+
+    assert how.taps == "F0pac"
+    assert "# Not used: F0pdc, F1pac, F1pdc.\n" in text
+
+
+def test_objects_in_groups_that_differ_between_files(tmp_path):
+    (tmp_path / "in").mkdir()
+    for name in ("brush", "spool"):
+        with h5py.File(tmp_path / f"in/data_{name}.h5", "w") as file:
+            for n in range(4):
+                file[f"{name}/Pose{n // 2}/Exp{n}/raw"] = RNG.random((3, 2, 40 + n))
+    text, how = looked(tmp_path / "in")
+
+    assert (how.taps, how.axes) == ("{what}/{session}/Exp{trial}/raw", "taxel,taxel,sample")
+    assert "8 taps, 40 samples x 6 taxels, 2 objects" in text
+
+
+def test_long_files_are_streams_unless_someone_says_so(tmp_path):
+    (tmp_path / "in").mkdir()
+    for n, name in enumerate("abab"):
+        (tmp_path / f"in/{name}_{n}.csv").write_text(csv("s0,s1", RNG.random((400, 2)).round(3)))
+    text, how = looked(tmp_path / "in")
+
+    assert how.tap is None
+    assert '# Perhaps: tap = "file" (if each file is one tap)' in text
+
+
+def test_taps_of_about_one_length_are_cut_to_the_shortest(tmp_path):
+    (tmp_path / "in").mkdir()
+    for n, name in enumerate("abab"):
+        (tmp_path / f"in/{name}_{n}.csv").write_text(csv("s0,s1", RNG.random((40 + n, 2)).round(3)))
+    text, how = looked(tmp_path / "in")
+
+    assert how.length == "shortest"
+    assert "taps have 40 to 43 samples" in text
