@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from ..first_order import FirstOrder
     from .resampling import Resampler
 
+REARMED = 0.5
+"""Part of the trigger level below which all taxels are when a contact has ended."""
+
 
 class CutTap(NamedTuple):
     """One tap cut from a stream.
@@ -46,6 +49,8 @@ class TapCutter:
 
     Args:
         preprocessing: Preprocessing; its trigger must not be `"none"`.
+        baseline: What a tare over the stream subtracts from the used taxels, shape (K,), where the stream begins in
+            contact, so that its first frames do not tell; the next tap begins after this contact.
 
     Attributes:
         incomplete: Number of taps that were not completed.
@@ -55,7 +60,7 @@ class TapCutter:
         InputError: The record has no trigger.
     """
 
-    def __init__(self, preprocessing: Preprocessing) -> None:
+    def __init__(self, preprocessing: Preprocessing, baseline: NDArray[np.float64] | None = None) -> None:
         if preprocessing.trigger == "none":
             raise InputError("Cutting a stream into taps needs a clock, contact or press trigger.")
         self.preprocessing = preprocessing
@@ -64,15 +69,20 @@ class TapCutter:
         self._resampler = _resampler(preprocessing)
         self._filter = _highpass(preprocessing.highpass_hz, preprocessing.rate_hz)
         self._filter_state: NDArray[np.float64] | None = None
-        self._tare: NDArray[np.float64] | None = None
+        self._tare = baseline
         self._untared: list[NDArray[np.float64]] = []
         self._taxels: int | None = None
         self._arrived = 0
         self._kept = np.empty((0, 0))
         self._kept_from = 0
         self._begun: deque[_Begin] = deque()
-        self._armed = True
+        self._armed = baseline is None
         self._scanned = 0
+
+    @property
+    def baseline(self) -> NDArray[np.float64] | None:
+        """What a tare over the stream subtracts, shape (K,); `None` before it is known or without one."""
+        return self._tare
 
     def push(self, frames: ArrayLike) -> list[CutTap]:
         """Taps completed by these frames.
@@ -170,7 +180,7 @@ class TapCutter:
             first = start - self._kept_from
             window = self._kept[first : first + record.samples].copy()
             if record.trigger == "contact":
-                self._armed = bool(self._load(window[-1:])[0] < 0.5)
+                self._armed = bool(self._load(window[-1:])[0] < REARMED)
             if record.tare == "tap":
                 window -= window[: record.tare_samples].mean(axis=0)
             taps.append(CutTap(start, window, frame))
@@ -206,7 +216,7 @@ class TapCutter:
                     self._begin(frame - record.pre_samples, frame)
                     return True
                 self.incomplete += 1
-            elif load < 0.5:
+            elif load < REARMED:
                 self._armed = True
         return False
 

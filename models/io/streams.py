@@ -1,5 +1,6 @@
 """Cuts continuous streams into taps, with the same `TapCutter` as at the rig."""
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..cutting.presses import Presses
 from ..cutting.sessions import breaks
-from ..cutting.tap_cutter import CutTap, TapCutter
+from ..cutting.tap_cutter import REARMED, CutTap, TapCutter
 from ..errors import InputError, counted
 from ..preprocessing import Preprocessing
 from ..taps import TapSet
@@ -31,6 +32,7 @@ class Segmented:
         overlapping: Number of taps given up because the next press came before their end.
         outside: Number of events outside the streams and of presses that began before their stream.
         touching: Number of streams that are in contact from their first frame on.
+        resumed: Number of streams that begin in contact and are tared as the one before.
         silent: Streams without a complete tap, each with session, object and length.
     """
 
@@ -41,6 +43,7 @@ class Segmented:
     overlapping: int
     outside: int
     touching: int
+    resumed: int
     silent: tuple[str, ...]
 
     @property
@@ -56,12 +59,22 @@ class Segmented:
             f"{counted(len(self.taps), 'tap')} from {counted(self.streams, 'stream')}{split}.",
             *(f"{counted(number, what)} left out: {why}." for number, what, why in lost if number),
             *([f"{_at_once(self.touching, self.streams)}."] if self.touching else []),
+            *([f"{_resumed(self.resumed, self.streams)}."] if self.resumed else []),
             *(f"No tap in the stream of {stream}." for stream in self.silent),
         )
 
 
+def _in_contact(number: int, streams: int) -> str:
+    return f"{number} of {counted(streams, 'stream')} begin{'s' * (number == 1)} in contact"
+
+
+def _resumed(resumed: int, streams: int) -> str:
+    each = "is tared as the one before it" if resumed == 1 else "are tared as those before them"
+    return f"{_in_contact(resumed, streams)} and {each}"
+
+
 def _at_once(touching: int, streams: int) -> str:
-    what = f"{touching} of {counted(streams, 'stream')} begin{'s' * (touching == 1)} in contact"
+    what = _in_contact(touching, streams)
     return f"{what}, at or beyond level (--level); --tare stream subtracts what the sensor shows at first"
 
 
@@ -88,6 +101,9 @@ def segment(
 ) -> Segmented:
     """Cuts every stream of a recording, see `stream_starts`.
 
+    A stream that begins in contact is tared as the one before it in its file and session: where a tare over the stream
+    would be taken of frames at half of the trigger level or more against that tare, and later ones are below.
+
     A tap has the labels of the frame that triggered it: its position, which may change along the stream, is that at the
     first contact or after the press.
 
@@ -104,17 +120,23 @@ def segment(
     if (presses is not None) != (preprocessing.trigger == "press"):
         given = "no presses" if presses is None else "presses"
         raise InputError(f"trigger={preprocessing.trigger!r} was asked for, but {given} were given.")
+    keys = _keys(recording)
     known, gap = _broken(recording)
     _check_finite(recording, preprocessing)
     frames, taps, rows, silent = recording.labels, list[NDArray[Any]](), list[int](), list[str]()
-    incomplete = overlapping = streams = touching = 0
+    incomplete = overlapping = streams = touching = resumed = 0
+    rest: NDArray[np.float64] | None = None
     for first, last in _bounds(known | gap):
-        cutter = TapCutter(preprocessing)
+        if (keys[:2, first] != keys[:2, first - 1]).any():
+            rest = None
+        pressed = rest is not None and _resumes(recording.samples[first:last], preprocessing, rest)
+        cutter = TapCutter(preprocessing, rest if pressed else None)
         found = list(_cut(cutter, recording.samples[first:last], _within(presses, first, last)))
         taps += (tap.samples.astype(recording.samples.dtype) for tap in found)
         rows += (first + tap.frame for tap in found)
         incomplete, overlapping = incomplete + cutter.incomplete, overlapping + cutter.overlapping
-        streams += 1
+        rest = rest if cutter.baseline is None else cutter.baseline
+        streams, resumed = streams + 1, resumed + pressed
         touching += _begins_in_contact(recording.samples[first], preprocessing)
         if not found:
             name = frames.what_name[frames.what[first]]
@@ -133,6 +155,7 @@ def segment(
         overlapping,
         0 if presses is None else presses.outside,
         touching,
+        resumed,
         tuple(silent),
     )
 
@@ -141,16 +164,35 @@ def _begins_in_contact(frame: NDArray[np.floating], preprocessing: Preprocessing
     """Whether a first frame counts as contact as it stands."""
     if preprocessing.trigger != "contact" or preprocessing.tare == "stream" or preprocessing.highpass_hz:
         return False
-    used = frame if preprocessing.taxels is None else frame[list(preprocessing.taxels)]
-    level = preprocessing.trigger_level
-    return bool((used >= level).any() if level >= 0 else (used <= level).any())
+    return bool(_load(frame, preprocessing) >= 1)
+
+
+def _resumes(frames: NDArray[np.floating], preprocessing: Preprocessing, rest: NDArray[np.float64]) -> bool:
+    """Whether a stream begins in contact, against the tare of the one before, and ends it: a drift would last."""
+    if preprocessing.trigger != "contact" or preprocessing.tare != "stream" or preprocessing.highpass_hz:
+        return False
+    first = math.ceil(preprocessing.tare_samples / preprocessing.ratio)
+    if _load(frames[:first].astype(np.float64).mean(axis=0), preprocessing, rest) < REARMED:
+        return False
+    return bool((_load(frames[first:], preprocessing, rest) < REARMED).any())
+
+
+def _load(frames: NDArray[np.floating], preprocessing: Preprocessing, rest: NDArray[np.float64] | float = 0.0) -> Any:
+    """Largest load of a used taxel as a fraction of the trigger level, of each frame."""
+    used = frames if preprocessing.taxels is None else frames[..., list(preprocessing.taxels)]
+    return ((used - rest) / preprocessing.trigger_level).max(axis=-1)
+
+
+def _keys(recording: Recording) -> NDArray[np.int64]:
+    """File, session and object of each row, shape (3, S)."""
+    if recording.file is None:
+        raise InputError("the taps are already cut; only continuous streams can be.")
+    return np.stack([np.asarray(recording.file), recording.labels.session, recording.labels.what])
 
 
 def _broken(recording: Recording) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Whether a stream begins at each row by its labels, and by a gap; two arrays of shape (S,)."""
-    if recording.file is None:
-        raise InputError("the taps are already cut; only continuous streams can be.")
-    keys = np.stack([np.asarray(recording.file), recording.labels.session, recording.labels.what])
+    keys = _keys(recording)
     known = np.concatenate([[True], (keys[:, 1:] != keys[:, :-1]).any(axis=0)])
     if recording.time is None:
         gap = np.zeros(len(known), dtype=bool)

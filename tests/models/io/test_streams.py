@@ -251,3 +251,58 @@ def test_streams_that_begin_in_contact_are_told(level, sign):
     assert tared.told == ("1 tap from 1 stream.",)
     with pytest.raises(InputError, match=r"no tap found .*; 1 of 1 stream begins in contact"):
         segment(recording, replace(record, pre_samples=2))
+
+
+TARED = Preprocessing(
+    samples=6, rate_hz=20.0, tare="stream", tare_samples=4, trigger="contact", trigger_level=2.0, pre_samples=2
+)
+
+
+def pressed(offset, starts, length=60, load=5.0):
+    """A stream of two taxels at an offset with presses of ten frames on the last one."""
+    frames = np.full((length, 2), float(offset))
+    for start in starts:
+        frames[start : start + 10, -1] += load
+    return frames
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_stream_that_resumes_within_a_contact_is_tared_as_the_one_before(sign):
+    """So its next tap shows the whole load; the rest of the contact is none."""
+    frames = sign * pressed(100, [15, 40])
+    time = np.arange(60) / 20 + np.where(np.arange(60) < 18, 0.0, 5.0)
+    streams = replace(recording((0, 0, frames)), time=time)
+    cut = segment(streams, replace(TARED, trigger_level=2.0 * sign))
+
+    assert cut.taps.taps[:, :, 1].tolist() == [[0, 0, *[5 * sign] * 4]]
+    assert cut.told == (
+        "1 tap from 2 streams, split at 1 gap.",
+        "1 tap left out: cut short by the start or end of a stream.",
+        "1 of 2 streams begins in contact and is tared as the one before it.",
+        "No tap in the stream of session 0, a, 18 frames.",
+    )
+
+
+@pytest.mark.parametrize("offset", [107, 101])
+def test_a_baseline_that_drifted_is_taken_anew(offset):
+    """Also by more than the trigger level."""
+    cut = segment(recording((0, 0, pressed(100, [20])), (0, 1, pressed(offset, [20]))), TARED)
+
+    assert cut.resumed == 0
+    assert cut.taps.taps[:, :, 1].tolist() == [[0, 0, 5, 5, 5, 5]] * 2
+
+
+def test_another_session_has_a_tare_of_its_own():
+    """As somebody may have mounted the sensor anew."""
+    cut = segment(recording((0, 0, pressed(100, [20])), (1, 0, pressed(107, [0, 20]))), TARED)
+
+    assert (cut.resumed, len(cut.taps)) == (0, 1)
+
+
+def test_a_short_stream_passes_on_the_tare_before_it():
+    """Of three frames, where a tare takes four."""
+    streams = [(0, 0, pressed(100, [20])), (0, 1, pressed(105, [], 3)), (0, 0, pressed(100, [0, 20]))]
+    cut = segment(recording(*streams), TARED)
+
+    assert cut.resumed == 1
+    assert cut.taps.taps[:, :, 1].tolist() == [[0, 0, 5, 5, 5, 5]] * 2

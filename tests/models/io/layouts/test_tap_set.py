@@ -115,6 +115,14 @@ def test_taps_that_are_cut_are_resampled_with_their_record(tmp_path):
     assert (taps.preprocessing.rate_hz, taps.preprocessing.sensor_hz) == (RATE / 4, RATE)
 
 
+def test_length_counts_samples_before_they_are_resampled(tmp_path):
+    write(tmp_path / "a.csv", {"f1": range(30)})
+    write(tmp_path / "b.csv", {"f1": range(40)})
+    how = TapMap(taxels="f1", tap="file", rate=RATE, resample=RATE / 4, length=21)
+
+    assert load_mapped(tmp_path, how).taps.tap_shape == (6, 1)
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
