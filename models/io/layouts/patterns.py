@@ -7,8 +7,10 @@ from re import Pattern
 from ...errors import InputError
 
 _PIECE = re.compile(r"\{(\w*)\}|(\*\*/|\*\*)|(\*)|(\?)|([^*?{}]+)|(.)")
-_NUMBER = r"[^\W\d_]*[-+\u2212]?\d+(?:[.,]\d+)?[^\W\d_]*"
+_DIGITS = r"[-+\u2212]?\d+(?:[.,]\d+)?[^\W\d_]*"
+_NUMBER = rf"[^\W\d_]*{_DIGITS}"
 """A number with letters around it, as of a unit."""
+_UNCLEAR_BETWEEN = {("text", "text"), ("text", "*"), ("*", "text"), ("number", "number"), ("number", "text")}
 NUMBERS = ("where", "trial", "x", "y", "angle")
 """Fields that are numbers."""
 FIELDS = ("what", "session", "taxel", *NUMBERS)
@@ -24,8 +26,8 @@ def compiled_pattern(pattern: str, key: str, fields: tuple[str, ...] = FIELDS) -
     """Regular expression of a pattern.
 
     `*` and `?` stand for any characters and for one, but no `/`; `**` for any folders; a field for at least one
-    character without `/`, as few as possible, and where it is a number for one, with letters before and after it. A
-    field that occurs again stands for the same text.
+    character without `/`, as few as possible, and where it is a number for one, with letters before and after it, or
+    after it alone if a text is before it. A field that occurs again stands for the same text.
 
     Args:
         pattern: The pattern.
@@ -33,25 +35,35 @@ def compiled_pattern(pattern: str, key: str, fields: tuple[str, ...] = FIELDS) -
         fields: Those that it may have.
 
     Raises:
-        InputError: A field is unknown, or a bracket is not closed.
+        InputError: A field is unknown, a bracket is not closed, or nothing tells where a field ends.
     """
-    parts, seen = [], set()
+    parts, seen, before = [], set(), ""
     for name, folders, any_, one, plain, other in _PIECE.findall(pattern):
+        own = ""
         if plain:
             parts.append(re.escape(plain))
         elif folders:
             parts.append("(?:.*/)?" if folders.endswith("/") else ".*")
         elif any_ or one:
-            parts.append("[^/]*" if any_ else "[^/]")
+            own = any_
+            parts.append("[^/]*?" if any_ else "[^/]")
         elif name in seen:
             parts.append(f"(?P={name})")
         elif name in fields:
             seen.add(name)
-            parts.append(f"(?P<{name}>{_NUMBER if name in NUMBERS else '[^/]+?'})")
+            own = "number" if name in NUMBERS else "text"
+            number = _DIGITS if before == "text" else _NUMBER
+            parts.append(f"(?P<{name}>{number if name in NUMBERS else '[^/]+?'})")
         elif other or name == "":
             raise InputError(f"{key}: {pattern!r} has a bracket that is not part of a field such as {{what}}.")
         else:
             raise InputError(f"{key}: unknown field {{{name}}}; fields are {', '.join(fields)}.")
+        if (before, own) in _UNCLEAR_BETWEEN:
+            raise InputError(
+                f"{key}: nothing in {pattern!r} tells where a field ends or begins beside another or *; put what "
+                "stands between them there, such as _, or use ? for each sign."
+            )
+        before = own
     return re.compile("".join(parts))
 
 

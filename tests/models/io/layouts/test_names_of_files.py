@@ -162,3 +162,30 @@ def test_files_of_an_unknown_ending_need_their_format(tmp_path):
     (tmp_path / "own/a.npy").write_text("x")
     with pytest.raises(InputError, match=r"no file of a known kind in this folder \([^;]*$"):
         load_mapped(tmp_path / "own", how)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "name", "what", "where"),
+    [
+        ("{what}{where}.csv", "ball25.csv", "ball", 25),
+        ("{what}{where}.csv", "ball-2mm.csv", "ball", -2),
+        ("{what}{where}_*.csv", "rod10mm_3.csv", "rod", 10),
+        ("*{where}_{what}.csv", "pos25_cup.csv", "cup", 25),
+        ("*{where}_{what}.csv", "a1pos25_cup.csv", "cup", 25),
+        ("{what}_{where}*.csv", "cup_25mm_r1.csv", "cup", 25),
+    ],
+)
+def test_a_number_beside_a_text_or_any_signs_is_whole(pattern, name, what, where, tmp_path):
+    (tmp_path / name).write_text("a\n1\n")
+    taps = load_mapped(tmp_path, TapMap(taxels="a", tap="file", files=pattern)).taps
+    assert (taps.what_name, taps.where.tolist()) == ([what], [where])
+
+
+@pytest.mark.parametrize(
+    "pattern",
+    ["{what}*.csv", "*{what}.csv", "{what}{session}.csv", "{x}{y}.csv", "{where}{what}.csv"],
+)
+def test_fields_that_end_nowhere_are_refused(pattern, tmp_path):
+    (tmp_path / "wool1.csv").write_text("a\n1\n")
+    with pytest.raises(InputError, match=r"files \(--files\): nothing in .* tells where a field ends or begins"):
+        load_mapped(tmp_path, TapMap(taxels="a", tap="file", files=pattern))
