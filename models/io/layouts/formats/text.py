@@ -189,6 +189,8 @@ def _not_a_number(line: int, cells: Sequence[str], layout: TextLayout, numbers: 
             f"{where}; if this line is no row of data, --skip-rows {line} --no-header reads those below it, with "
             "columns called by their numbers from 0."
         )
+    if re.fullmatch(r"[-+]?\d{1,3}( \d{3})+([.,]\d*)?", cells[bad]):
+        return InputError(f"{where}; write thousands without blanks.")
     other = "," if layout.decimal == "." else "."
     if replace(layout, decimal=other).is_number(cells[bad]):
         return InputError(f"{where} with decimal mark {layout.decimal!r}; --decimal changes it.")

@@ -231,9 +231,11 @@ def test_signs_of_windows_are_read(tmp_path):
     assert read == [["5 – 6 €"], ["\x81ä"]]
 
 
-def test_points_between_thousands_are_told(tmp_path):
+def test_points_and_blanks_between_thousands_are_told(tmp_path):
     message = refused(tmp_path, "a;b\n1,5;2\n-1.072;3\n", columns=["a", "b"], decimal=",", delimiter=";")
     assert message == "line 3, column a: '-1.072' is not a number; write thousands without points."
+    message = refused(tmp_path, "a;b\n1.5;2\n1 072 000.5;3\n", columns=["a", "b"])
+    assert message == "line 3, column a: '1 072 000.5' is not a number; write thousands without blanks."
 
 
 @pytest.mark.parametrize(
