@@ -90,7 +90,7 @@ MAP_OPTIONS: dict[str, Any] = {
     ),
     "time": _option(_Text, _SAMPLES, "Column or array of times.", "COLUMN"),
     "time_unit": _option(TimeUnit.__value__ | None, _SAMPLES, "Unit of the times."),
-    "rate": _option(float | None, _SAMPLES, "Sampling rate, if the file does not state it.", "HZ"),
+    "rate": _option(float | None, _SAMPLES, "Sampling rate; default: that by --time.", "HZ"),
     "units": _option(_Text, _SAMPLES, "Unit of the samples.", "UNIT"),
     "scale": _option(float, _SAMPLES, "Factor from numbers in the file to the unit.", "X"),
     "what": _option(_Text, _LABELS, f"Object of a tap: {_SOURCE}.", "SOURCE"),

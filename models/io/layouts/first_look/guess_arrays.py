@@ -65,9 +65,18 @@ def array_guesses(
     found += _over_axes(found, variables, name)
     of_objects = any(guess.key == "axes" and guess.value.startswith("what") for guess in found)
     found += _labels(labels, vectors, of_objects and axis == 0)
+    if not any(guess.key == "what" for guess in found):
+        found += _on_other_topics(name, contents, values)
     found += [*_tables(found, contents, values), *_valid(labels, values)]
     found = [guess for guess in found if guess.key not in keys]
     return _in_groups(found, name, pattern, fields, contents)
+
+
+def _on_other_topics(name: str, contents: Contents, values: Mapping[str, NDArray[Any]]) -> list[Guess]:
+    """The object, where messages of another topic than the samples name it."""
+    others = [each for each in values if contents.clock(each) != contents.clock(name) and like("what", each)]
+    texts = [each for each in others if values[each].dtype.kind == "U" and len(np.unique(values[each])) > 1]
+    return [Guess("what", each, "texts of another topic; the last one before each row counts") for each in texts[:1]]
 
 
 def _which(alike: Sequence[str], variables: Mapping[str, Variable]) -> str:

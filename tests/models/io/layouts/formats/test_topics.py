@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from mcap.writer import CompressionType, Writer
 from solidtouch.models.errors import InputError
+from solidtouch.models.io.layouts.first_look.look import look
 from solidtouch.models.io.layouts.mapping import TapMap
 from solidtouch.models.io.layouts.tap_set import load_mapped
 
@@ -117,3 +118,11 @@ def test_a_label_after_all_samples_is_refused(recorded, tmp_path):
 
     with pytest.raises(InputError, match=r"a\.mcap: /object/data: its first message is later than all of /skin\."):
         load_mapped(bag(tmp_path / "a.mcap", recorded), STREAM.changed(what="/object/data"))
+
+
+def test_a_first_look_proposes_the_object_of_another_topic(recorded, tmp_path):
+    recorded["/task/object"] = recorded.pop("/object")
+    text = look([bag(tmp_path / "a.mcap", recorded)], TapMap())
+
+    assert 'taps = "/skin/v"' in text
+    assert 'what = "/task/object/data"  # texts of another topic; the last one before each row counts' in text
