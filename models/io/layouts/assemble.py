@@ -121,8 +121,9 @@ def _joined(found: Sequence[Piece], how: TapMap) -> EvenTaps | None:
             key = "align" if how.align else "length"
             raise InputError(f"{option(key)} is for taps; these files hold streams, which --trigger cuts.")
         return None
-    lengths = {len(tap) for piece in found for tap in piece.signal.samples}
-    if how.align is None and how.length is None:
+    every = {len(tap) for piece in found for tap in piece.signal.samples}
+    lengths = every - {0} or every
+    if how.align is None and how.length is None and (len(lengths) > 1 or lengths == every):
         if len(lengths) > 1:
             raise InputError(
                 f"taps have {min(lengths)} to {max(lengths)} samples; say their length with length (--length): "

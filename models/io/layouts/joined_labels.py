@@ -1,5 +1,6 @@
 """Labels of all taps or frames from those of the pieces: objects and positions are numbered, units and names joined."""
 
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -32,6 +33,8 @@ def joined_labels(found: Sequence[Piece], how: TapMap, beside: LabelTables) -> L
     named, places = (_listed(found, getattr(how, key), key, beside) for key in LISTS)
     what, names, sizes = _objects(found, how, named)
     where, tables = _positions(found, how, places)
+    if alike := _alike(names):
+        beside.told["what"] = f"{option('what')}: {' and '.join(alike)} are two objects that differ in signs alone."
     if named is not None and (unused := sorted(set(range(len(names))) - set(what.tolist()))):
         beside.told["what_names"] = _without_taps([names[m] for m in unused], names, how, 0 in unused)
     units = {piece.unit for piece in found}
@@ -56,6 +59,14 @@ def _without_taps(unused: Sequence[str], names: Sequence[str], how: TapMap, firs
     """What is told where names have no taps, as those of a heading or of indices that count from 1."""
     hint = "; if indices count from 1, say one_based (--one-based)" if first and not how.one_based else ""
     return f"{len(unused)} of {len(names)} {option('what_names')} have no taps: {shortened(unused)}{hint}."
+
+
+def _alike(names: Sequence[str]) -> list[str]:
+    """The first names that have the same letters and numbers, whatever their capitals and the signs between."""
+    seen: dict[str, list[str]] = {}
+    for name in names:
+        seen.setdefault(re.sub(r"[\s_-]+", "", name).casefold() or name, []).append(name)
+    return next((same[:2] for same in seen.values() if len(same) > 1), [])
 
 
 def _free(name: str) -> str:

@@ -158,17 +158,19 @@ class Workspace:
             self._add_elements(f"{name}.{key}", axes, values)
 
     def _add_nested(self, name: str, axes: Size, nodes: Sequence[Node]) -> None:
-        """Adds cells inside cells, which must have as many elements each."""
+        """Adds cells inside cells; rows that have fewer elements than others end in blank ones."""
         cells = [node if isinstance(node, CellArray) else CellArray((0, 0), ()) for node in nodes]
         sizes = {_axes(cell.size) for cell in cells}
-        if len(sizes) > 1:
+        if len(sizes) > 1 and any(len(size) != 1 for size in sizes):
             self.unreadable[name] = (
-                "its elements hold cells or structs that differ in number; save one cell or struct for each element, "
-                "such as vertcat(x{:})"
+                "its elements hold matrices of cells or structs that differ in size; save rows of cells, such as x(:)'"
             )
             return
-        flat = [value for cell in cells for value in _by_row(cell.size, cell.elements)]
-        self._add_elements(name, (*axes, *sizes.pop()), flat)
+        most = max(sizes)
+        flat: list[Node] = []
+        for cell in cells:
+            flat += [*_by_row(cell.size, cell.elements), *[_BLANK] * (prod(most) - len(cell.elements))]
+        self._add_elements(name, (*axes, *most), flat)
 
 
 def _axes(size: Size) -> Size:

@@ -454,3 +454,11 @@ def test_a_column_of_both_outweighs_the_numbers_of_files(tmp_path):
     for number, sort in ((1, 2), (2, 1)):
         (tmp_path / f"rec_{number}.txt").write_text(f"id,p\n{sort},{number}\n{sort},{number}\n")
     assert found(tmp_path, "id,thing\n1,cup\n2,rod\n", taxels="p") == {1: "rod", 2: "cup"}
+
+
+@pytest.mark.parametrize(("names", "alike"), [(["Rod", "rod"], "Rod and rod"), (["a-1", "a 1", "b"], "a-1 and a 1")])
+def test_objects_that_differ_in_signs_alone_are_told(names, alike, tmp_path):
+    rows = "".join(f"{name},{n}\n" for n, name in enumerate(names))
+    (tmp_path / "a.csv").write_text(f"thing,p\n{rows}")
+    told = load_mapped(tmp_path / "a.csv", TapMap(taxels="p", tap="row", what="thing")).told
+    assert told == (f"what (--what): {alike} are two objects that differ in signs alone.",)

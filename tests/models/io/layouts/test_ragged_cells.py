@@ -99,3 +99,33 @@ def test_axes_and_labels_that_do_not_fit(tmp_path, keys, message):
     path = saved(tmp_path, data=cells(samples), rep=cells(lambda *of: np.arange(4.0 - of[1])))
     with pytest.raises(InputError, match=message):
         load_mapped(path, TapMap(**({"taps": "data", "axes": "what,where,tap,sample,taxel"} | keys)))
+
+
+def one(n):
+    return np.zeros((J, K)) + n
+
+
+def test_cells_inside_cells_may_differ_in_number(tmp_path):
+    """data{object}{trial}, and a struct array exp.session(s).trial(i) with the label of each trial."""
+    counts = (2, 3, 1)
+    data, sessions = np.empty(3, object), np.empty(3, object)
+    for m, count in enumerate(counts):
+        data[m] = np.empty(count, object)
+        for t in range(count):
+            data[m][t] = one(10 * m + t)
+        trials = [{"data": one(10 * m + t), "kind": f"kind {t}", "pos": 10.0 * m + t} for t in range(count)]
+        sessions[m] = {"trial": np.array(trials, dtype=object)}
+    path = saved(tmp_path, data=data, exp={"session": sessions, "names": np.array(["a", "b", "c"], object)})
+    number = [10 * m + t for m, count in enumerate(counts) for t in range(count)]
+
+    taps = load_mapped(path, TapMap(taps="data", axes="what,trial,sample,taxel", what_names="exp.names")).taps
+    assert taps.taps[:, 0, 0].tolist() == number
+    assert taps.what.tolist() == [n // 10 for n in number]
+    assert taps.trial.tolist() == [n % 10 for n in number]
+
+    trial = "exp.session.trial"
+    how = TapMap(taps=f"{trial}.data", axes="session,trial,sample,taxel", what=f"{trial}.kind", where=f"{trial}.pos")
+    taps = load_mapped(path, how).taps
+    assert taps.taps[:, 0, 0].tolist() == taps.where.tolist() == number
+    assert [taps.what_name[m] for m in taps.what] == [f"kind {n % 10}" for n in number]
+    assert taps.session.tolist() == [n // 10 for n in number]

@@ -112,10 +112,18 @@ def test_what_mixes_is_refused(value, sentence, saved):
         contents.read(["x"])
 
 
-def test_elements_that_differ_in_number_are_refused(saved):
-    contents = saved(trials=UNEVEN)
-    with pytest.raises(InputError, match=r"array trials\.taps\.x cannot be read: .* such as vertcat\(x\{:\}\)"):
-        contents.read(["trials.taps.x"])
+def test_rows_of_elements_that_differ_in_number_end_in_blanks(saved):
+    found = all_of(saved(trials=UNEVEN))
+    np.testing.assert_array_equal(found["trials.taps.x"], [[0, 0, np.nan], [0, 0, 0]])
+
+
+def test_matrices_of_elements_that_differ_in_size_are_refused(tmp_path):
+    cells = np.empty(2, object)
+    cells[:] = [np.full((2, columns), 1.0).astype(object) for columns in (2, 3)]
+    savemat(tmp_path / "a.mat", {"x": cells, "y": 1.0})
+    contents = opened(tmp_path / "a.mat")
+    with pytest.raises(InputError, match=r"array x cannot be read: .* differ in size; save rows of cells"):
+        contents.read(["x"])
 
 
 def test_complex_numbers_are_refused_wherever_they_are(tmp_path):
