@@ -171,7 +171,7 @@ def _piece(read: FileRead, tables: LabelTables, missing: Missing) -> Piece:
         rows = replace(rows, labels=_of_rows(rows.labels, starts, whole))
     if how.keep is not None or stepped.known is not None:
         every = np.ones(whole, dtype=bool)
-        mask = every if how.keep is None else holds(how, "keep", np.asarray(read.of(condition(how.keep)[0])), whole)
+        mask = every if how.keep is None else holds(how, "keep", read.column(condition(how.keep)[0]), whole)
         mask = mask if stepped.known is None else mask & stepped.known
         rows = rows.select(mask, rows.signal.select(mask))
         starts = None if starts is None else among_kept(starts, rows.which, whole)
@@ -209,10 +209,10 @@ def _rows(read: FileRead, sources: Mapping[str, LabelSource], tables: LabelTable
     for key, source in sources.items():
         label = label_of(source, read, tables)
         labels[key] = as_known(label) if key.startswith(EXTRA) and isinstance(label, np.ndarray | str) else label
-    numbers = () if _has_ends(how) else tuple(np.asarray(read.of(column)) for column in tap_columns(how))
+    numbers = () if _has_ends(how) else tuple(read.column(column) for column in tap_columns(how))
     rises = None
     if how.signal is not None:
-        rises = signal_at(how, np.asarray(read.of(condition(how.signal)[0])), whole)
+        rises = signal_at(how, read.column(condition(how.signal)[0]), whole)
     times, unit = times_of(read)
     return _Rows(read.signal, np.arange(whole), labels, times, rises, numbers, unit)
 
@@ -223,7 +223,7 @@ def _has_ends(how: TapMap) -> bool:
 
 def _starts(read: FileRead, rows: _Rows) -> NDArray[np.intp] | None:
     """First row of each tap, kept or not; `None` for a stream."""
-    ends = np.asarray(read.of(tap_columns(read.how)[0])) if _has_ends(read.how) else None
+    ends = read.column(tap_columns(read.how)[0]) if _has_ends(read.how) else None
     return tap_starts(len(rows.which), read.how, rows.numbers, ends)
 
 

@@ -103,19 +103,14 @@ def _in_file(name: str, read: "FileRead", key: str) -> Label:
     contents = read.contents
     if name in contents.attributes and name not in contents.variables:
         value = contents.attributes[name]
-        return np.array(value.values) if isinstance(value, Several) else value
-    found = read.values[contents.named(name)]
-    if isinstance(found, list):
-        if [each.size for each in found] != list(read.signal.counts):
-            raise InputError(f"{name} has elements of different shapes, so it holds no labels.")
-        found = np.concatenate([each.reshape(-1) for each in found])
-    counts = len(read.signal.samples), read.arrays
-    if key in ("what", "where") and (index := _one_hot(found, counts)) is not None:
+        if not isinstance(value, Several):
+            return value
+        found: Values = np.array(value.values)
+    else:
+        found = read.values[contents.named(name)]
+    if key in ("what", "where") and (index := _one_hot(found, (len(read.signal.samples), read.arrays))) is not None:
         found = index + read.how.one_based
-    elif found.size == max(found.shape, default=1) or found.shape == read.signal.lengths:
-        found = found.reshape(-1)
-    if found.ndim == 1 and len(found) == len(read.signal.counts) < len(read.signal.samples):
-        found = np.repeat(found, read.signal.counts)
+    found = _of_taps(found, name, read.signal)
     if found.ndim > 1:
         raise InputError(f"{name} has shape {found.shape}, expected one value for each tap.")
     if len(found) == read.arrays > 1 and (read.how.tap == "file" or len(found) != len(read.signal.samples)):
@@ -123,9 +118,27 @@ def _in_file(name: str, read: "FileRead", key: str) -> Label:
     return found if found.size != 1 else found.reshape(-1)[0].item()
 
 
-def _one_hot(found: NDArray[Any], counts: Sequence[int]) -> NDArray[np.intp] | None:
+def _of_taps(found: Values, name: str, signal: Signal) -> NDArray[Any]:
+    """Values that have the axes or the elements of the taps as one for each tap, shape (n,); others as they are."""
+    if isinstance(found, list):
+        if [each.size for each in found] != list(signal.counts):
+            raise InputError(f"{name} has elements of different shapes, so it has no value for each tap.")
+        return np.concatenate([each.reshape(-1) for each in found])
+    if found.size == max(found.shape, default=1) or found.shape == signal.lengths:
+        found = found.reshape(-1)
+    one_each = found.ndim == 1 and len(found) == len(signal.counts) < len(signal.samples)
+    return np.repeat(found, signal.counts) if one_each else found
+
+
+def _one_hot(found: Values, counts: Sequence[int]) -> NDArray[np.intp] | None:
     """Which entry of each row is 1 and all others 0; `None` for other values, or another number of rows."""
-    if found.ndim != 2 or found.shape[1] < 2 or len(found) not in counts or found.dtype.kind not in "fiub":
+    if (
+        isinstance(found, list)
+        or found.ndim != 2
+        or found.shape[1] < 2
+        or len(found) not in counts
+        or found.dtype.kind not in "fiub"
+    ):
         return None
     ones = found == 1
     return ones.argmax(axis=1) if (ones | (found == 0)).all() and (ones.sum(axis=1) == 1).all() else None
@@ -160,6 +173,14 @@ class FileRead:
     def of(self, name: str) -> Values:
         """The variable that a key of the map names."""
         return self.values[self.contents.named(name_of(name, self.file, self.contents))]
+
+    def column(self, name: str) -> NDArray[Any]:
+        """The variable that a key of the map names, one value for each row or tap where it has their axes.
+
+        Raises:
+            InputError: Its elements differ in shape, and otherwise than those of the samples.
+        """
+        return _of_taps(self.of(name), name, self.signal)
 
     def listed(self, name: str) -> NDArray[Any]:
         """Names or positions in the file, of an attribute too; those of one text are between its commas."""

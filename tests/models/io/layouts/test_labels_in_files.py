@@ -59,6 +59,7 @@ def test_an_attribute_of_several_values_has_one_for_each_tap(recording):
         file.attrs["day"] = [1, 2, 2, 1]
     how = TapMap(taps="all/x", session="day")
     assert load_mapped(path, how).taps.session.tolist() == [1, 2, 2, 1]
+    assert load_mapped(path, how.changed(taps="each/*/x", tap="file")).taps.session.tolist() == [1, 2, 2, 1]
     with pytest.raises(InputError, match=r"what \(--what\) has 3 values for 4 taps"):
         load_mapped(path, how.changed(what="names"))
 

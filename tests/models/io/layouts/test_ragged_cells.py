@@ -92,7 +92,8 @@ def test_structs_with_taps_each(tmp_path):
             "must begin with tap or a label for each of 2 axes of elements, got what, sample",
         ),
         ({"axes": "what,where,what,sample,taxel"}, r"axes \(--axes\) has what twice"),
-        ({"trial": "rep"}, "rep has elements of different shapes, so it holds no labels"),
+        ({"keep": "rep>0"}, r"rep has elements of different shapes"),
+        ({"trial": "rep"}, "rep has elements of different shapes, so it has no value for each tap"),
     ],
 )
 def test_axes_and_labels_that_do_not_fit(tmp_path, keys, message):
@@ -129,3 +130,25 @@ def test_cells_inside_cells_may_differ_in_number(tmp_path):
     assert taps.taps[:, 0, 0].tolist() == taps.where.tolist() == number
     assert [taps.what_name[m] for m in taps.what] == [f"kind {n % 10}" for n in number]
     assert taps.session.tolist() == [n // 10 for n in number]
+
+
+def test_taps_are_kept_by_values_in_cells_of_their_own_or_one_for_each_cell(tmp_path):
+    path = saved(
+        tmp_path,
+        data=cells(samples),
+        good=cells(lambda *of: np.arange(of[2]) != 1),
+        each=np.array([[1, 0, 1], [0, 1, 0]]),
+        places=[0.0, 1.5, 3.0],
+    )
+    how = TapMap(
+        taps="data", axes="what,where,trial,sample,taxel", what_names=("object 0", "object 1"), where_values="places"
+    )
+    for keep, wanted_ones in (
+        ("good", [of for of in wanted() if of[2] != 1]),
+        (
+            "each=1",
+            [of for of in wanted() if (of[0], of[1]) in {("object 0", 0.0), ("object 0", 3.0), ("object 1", 1.5)}],
+        ),
+    ):
+        taps = load_mapped(path, how.changed(keep=keep)).taps
+        assert list(zip([taps.what_name[m] for m in taps.what], taps.where, taps.trial, strict=True)) == wanted_ones
