@@ -25,7 +25,7 @@ _NUMBER = re.compile(r"[-+]?\d+([.,]\d+)?([eE][-+]?\d+)?|nan|NaN")
 _LETTERS = re.compile(r"[^\W\d_]*")
 _LIST_BYTES = 1 << 16
 _MOST_TABLES, _MOST_COLUMNS = 6, 6
-_ONSET = r"onset|^(t )?press|^(start|begin|event)|^(frame|time|stamp|timestamp|zeit)\b"
+_ONSET = r"onset|^(t )?press", r"^(start|begin|event)", r"^(time|stamp|timestamp|zeit)\b", r"^frame"
 """What the times of presses are called."""
 
 
@@ -221,6 +221,9 @@ def tables_beside(
             found.setdefault(guess.key, guess)
         for guess in _labels_beside(name, columns, {*called, *found}, values):
             found.setdefault(guess.key, guess)
+        weaker = {guess.key for guess in known if guess.of_names}
+        rather = _labels_beside(name, columns, {*called, *found} - weaker, values)
+        told += [f'Perhaps: {guess.key} = "{guess.value}" (a table beside, rather than names)' for guess in rather]
         used = {str(guess.value).removeprefix(f"{name}:") for guess in found.values()}
         used |= {each for each, of in columns.items() if _counts_up(of)}
         spare |= len(columns) > 1 and not set(columns) <= used
@@ -266,7 +269,7 @@ def _presses(
     name: str, columns: Mapping[str, NDArray[Any]], called: Mapping[str, Any], values: Mapping[str, NDArray[Any]]
 ) -> Iterator[Guess]:
     """Presses of a stream in a table of them, and the samples of each if their duration is stated."""
-    onset = next((each for each in columns if re.search(_ONSET, plain(each), re.IGNORECASE)), None)
+    onset = next((each for of in _ONSET for each in columns if re.search(of, plain(each), re.IGNORECASE)), None)
     if onset is None or called.get("trigger"):
         return
     yield Guess("trigger", "events", f"{len(columns[onset])} times of presses in a table")

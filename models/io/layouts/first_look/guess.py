@@ -3,20 +3,23 @@
 import re
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
+from warnings import catch_warnings
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ....errors import InputError
 from ..formats.contents import Contents, Variable
+from ..times import in_seconds
 
 WORDS = {
     "time": r"^(t|time|times|timestamp|stamp|seconds|elapsed.*|zeit|temps|x value)( ?([mun]?s|sec))?$"
     r"|^(ms|us|µs)$|timestamp|log.?time",
-    "trial": r"trial|repeat|repetition|\brep\b|attempt|versuch",
+    "trial": r"trial|repeat|repetition|\brep\b|attempt|versuch|essai",
     "tap": r"^tap|press(?!ure)|contact ?(id|no|number)|episode|touch ?(id|no|number)|segment|grasp ?(id|no|number)",
-    "session": r"session|\bday|date|\brun\b|\b(sub|ses|set)\b|subject|participant|user|sitzung"
+    "session": r"session|\bday|date|\brun\b|\b(sub|ses|set)\b|subject|participant|user|sitzung|s[eé]ance"
     r"|^(tag|split|block|sess)$",
-    "what": r"what|object|material|texture|class|label|shape|letter|surface|stimulus|category|diameter|item|objekt"
+    "what": r"what|object|material|texture|class|label|shape|letter|surface|stimulus|category|diameter|item|obje[kc]?t"
     r"|specimen|gesture|^(probe|obj|y)$",
     "where": r"where|position|\bpos\b|location|angle|place|offset|depth|\bx\b|x ?mm|^p$",
 }
@@ -28,7 +31,7 @@ NAMES = r"name|label|categor|class|object|material"
 _RISING = 0.8
 """Share of the steps of a time that rise; it may begin anew with each tap."""
 _RATE = r"fs|f s|(sampl(e|ing) ?)?(rate|freq(uency)?)( ?hz)?|abtastrate"
-CLOCK = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
+CLOCK = re.compile(r"((\d{4}-\d\d-\d\d|\d{1,2}\.\d{1,2}\.\d{4})[T _])?\d\d?:\d\d(?=\D)")
 TAP_AXES = ("tap", "sample", "taxel")
 CHECK = "check which axis is which"
 FEW = 200
@@ -113,14 +116,20 @@ def as_floats(values: NDArray[Any]) -> NDArray[np.float64] | None:
 
 
 def seconds_of(values: NDArray[Any]) -> NDArray[np.float64] | None:
-    """Seconds since the first of texts such as `2024-01-31 10:00:00.25`."""
+    """Seconds since the first of texts such as `2024-01-31 10:00:00.25`; `None` of others."""
     if values.ndim != 1 or not values.size or not all(map(CLOCK.match, map(str, values[:FEW].tolist()))):
         return None
     try:
-        times = values.astype("datetime64[ns]")
+        with catch_warnings(action="error"):  # that numpy does not keep time zones
+            times = values.astype("datetime64[ns]")
         return (times - times[0]).astype(np.int64) / 1e9
-    except ValueError:
+    except (ValueError, UserWarning):
+        pass
+    try:
+        seconds = in_seconds("time", "", values, "s")
+    except InputError:
         return None
+    return seconds - seconds[0]
 
 
 def increases(values: NDArray[Any]) -> bool:

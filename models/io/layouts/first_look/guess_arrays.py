@@ -51,6 +51,8 @@ def array_guesses(
     if "trial" in keys and len(alike) > 1:  # what is beside each tap has a value for each sample
         groups = {each.rpartition("/")[0] for each in alike} - {""}
         labels = [each for each in labels if each.rpartition("/")[0] not in groups]
+    if len(labels) > 1 and not any(like(key, _own(each)) for key in LABELS for each in labels):
+        labels = []
     one_each = len(alike) > 1 and {vectors[each] for each in labels} == {len(alike)}
     if rank == 2 and axis == 0 and times and increases(values.get(times[0], np.zeros(1))):
         found.append(Guess("time", times[0], f"its name, and one rising value for each of {shapes[0][0]} rows"))

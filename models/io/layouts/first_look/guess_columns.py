@@ -35,16 +35,13 @@ from .guess import (
     repeats,
     seconds_of,
 )
+from .guess_presses import between_taps, counted_taps, phases, restarting, signal
 
 _TAXEL = re.compile(r"(taxel|channel|kanal|sensor|electrode|ch|fsr)s?( ?(id|no|nr|number|index|name))?", re.IGNORECASE)
 """What a column of the numbers or names of taxels is called."""
 _VALUE = re.compile(rf"value|wert|reading|{SIGNAL}", re.IGNORECASE)
 _DIGITS = re.compile(r"-?\d[\d.,]*")
 """A cell that looks like a number, which the map may still have to be told how to read."""
-_NUMBERING = r"\b(id|nr|no|number|num|nummer|index|idx|n)\b"
-"""What columns that number taps are called."""
-_PRESSED = r"contact|trigger|switch|sync|press(?!ure)|touched|kontakt"
-"""What a column is called that says when a finger presses."""
 _ALIKE, _ROW = 3, 8
 """Columns that are called alike, and columns of numbers of a row that is a tap, at least."""
 _SMOOTH = 0.6
@@ -81,8 +78,8 @@ def column_guesses(
     if "tap" not in guesses and "trial" in guesses and repeats(columns[guesses["trial"].value]):
         guesses["tap"] = Guess("tap", guesses["trial"].value, "its values stay the same for many rows")
     if "tap" not in guesses:
-        guesses |= {guess.key: guess for guess in _counted_taps(columns, numeric, guesses)}
-    guesses |= {guess.key: guess for guess in _between_taps(guesses.get("tap"), columns)}
+        guesses |= {guess.key: guess for guess in counted_taps(columns, numeric, guesses)}
+    guesses |= {guess.key: guess for guess in between_taps(guesses.get("tap"), columns)}
     if all(map(str.isdecimal, columns)):
         guesses |= {guess.key: guess for guess in _whole_numbers(columns) if guess.key not in named}
     used = {name for name in columns if like("time", plain(name))}
@@ -90,12 +87,15 @@ def column_guesses(
     stems = Counter(re.sub(r"\d+", "#", name) for name in numeric)
     alone = [name for name in numeric if name.isdecimal() or stems[re.sub(r"\d+", "#", name)] == 1]
     used |= {name for name in alone if only_counts(columns[name])}
-    if "tap" not in guesses and (phases := list(_phases(columns))):
-        guesses |= {guess.key: guess for guess in phases}
-        used |= {phases[0].value}
+    if "tap" not in guesses and (pressing := list(phases(columns))):
+        guesses |= {guess.key: guess for guess in pressing}
+        used |= {pressing[0].value}
+    elif "tap" not in guesses and (anew := restarting(columns, numeric - used)) is not None:
+        guesses |= {anew.key: anew}
     elif "tap" not in guesses:
-        guesses |= {guess.key: guess for guess in _signal({name: columns[name] for name in numeric - used})}
-        used |= {guess.value for guess in guesses.values() if guess.key == "signal"}
+        guesses |= {guess.key: guess for guess in signal({name: columns[name] for name in numeric - used})}
+        used |= {guess.value.partition("<")[0] for guess in guesses.values() if guess.key == "signal"}
+    used |= {guess.value.removeprefix("restart:") for guess in guesses.values() if guess.key == "tap"}
     free = [name for name in columns if name in numeric | written and name not in used]
     if taxel is not None and free:
         return [*guesses.values(), *_of_long_table(taxel, free)]
@@ -194,22 +194,6 @@ def _of_long_table(taxel: str, free: Sequence[str]) -> Iterator[Guess]:
     yield Guess("taxels", [(called or free)[-1]], "a column of values")
 
 
-def _between_taps(tap: Guess | None, columns: Mapping[str, NDArray[Any]]) -> Iterator[Guess]:
-    """What leaves out rows between taps, which have a number below 0 or none."""
-    if (
-        tap is None
-        or (floats := as_floats(columns[tap.value])) is None
-        or (floats >= 0).all()
-        or not (floats >= 0).any()
-    ):
-        return
-    yield Guess(
-        "keep",
-        f"{tap.value}>=0",
-        f"rows between taps have {'no number' if np.isnan(floats).any() else 'negative ones'}",
-    )
-
-
 def _whole_numbers(columns: Mapping[str, NDArray[Any]]) -> Iterator[Guess]:
     """Taps and objects of a table without a header: whole numbers that repeat, beside others that have decimals."""
     floats = {name: of for name, each in columns.items() if (of := as_floats(each)) is not None}
@@ -224,43 +208,6 @@ def _whole_numbers(columns: Mapping[str, NDArray[Any]]) -> Iterator[Guess]:
         if name is not None:
             whole.remove(name)
             yield Guess(key, name, "whole numbers that repeat; check whether they mean this")
-
-
-def _counted_taps(
-    columns: Mapping[str, NDArray[Any]], numeric: Set[str], guesses: Mapping[str, Guess]
-) -> Iterator[Guess]:
-    """The column that numbers taps one after the other, by what numbers are called."""
-    used = {guess.value for guess in guesses.values() if isinstance(guess.value, str)}
-    for name in [name for name in columns if name in numeric - used and re.search(_NUMBERING, plain(name), re.I)]:
-        if (floats := as_floats(columns[name])) is not None and counts(floats):
-            yield Guess("tap", name, "it counts, and stays the same for many rows; check whether these are taps")
-            return
-
-
-def _phases(columns: Mapping[str, NDArray[Any]]) -> Iterator[Guess]:
-    """A column of phases of which one is called a press or contact."""
-    for name, of in columns.items():
-        if re.search(r"phase|state|status", plain(name), re.IGNORECASE) and of.dtype.kind == "U" and repeats(of):
-            pressed = [each for each in np.unique(of).tolist() if re.search(_PRESSED, each, re.IGNORECASE)]
-            if len(pressed) == 1:
-                yield Guess("tap", name, "its name, and phases")
-                yield Guess("keep", f"{name}={pressed[0]}", "the phase of a press, by its name")
-                return
-
-
-def _signal(columns: Mapping[str, NDArray[Any]]) -> Iterator[Guess]:
-    """A column of two values that rises at each press, and the samples of the shortest press."""
-    for name in [name for name in columns if re.search(_PRESSED, plain(name), re.IGNORECASE)]:
-        floats = as_floats(columns[name])
-        if floats is not None and len(levels := np.unique(floats)) == 2 and floats[0] == levels[0]:
-            change = np.flatnonzero(np.diff(floats)) + 1
-            starts, ends = change[::2], change[1::2]
-            if len(ends) > 1:
-                yield Guess("trigger", "signal", f"{name} rises {len(starts)} times")
-                yield Guess("signal", name, "its name, and two values")
-                shortest = int((ends - starts[: len(ends)]).min())
-                yield Guess("window", shortest, "samples of the shortest press; check")
-                return
 
 
 def _named_places(texts: Iterable[str], columns: Mapping[str, NDArray[Any]]) -> Iterator[Guess]:
@@ -281,10 +228,10 @@ def _tells_taxel(name: str, values: NDArray[Any]) -> bool:
 
 def _days(time: str, columns: Mapping[str, NDArray[Any]]) -> Iterator[Guess]:
     """A session for each date of times."""
-    if columns[time].dtype.kind == "U" and CLOCK.match(columns[time][0]):
-        days = len({text[:10] for text in columns[time].tolist()})
-        if days > 1:
-            yield Guess("session", f"date:{time}", f"times of {days} days")
+    if columns[time].dtype.kind == "U":
+        days = {found[2] for text in columns[time].tolist() if (found := CLOCK.match(text))} - {None}
+        if len(days) > 1:
+            yield Guess("session", f"date:{time}", f"times of {len(days)} days")
 
 
 def _labels_by_name(columns: Mapping[str, NDArray[Any]], numbers: Set[str]) -> dict[str, Guess]:

@@ -100,6 +100,18 @@ def test_a_table_for_each_stream_lists_its_presses_in_order(tmp_path):
     assert (found, len(set(taps.session.tolist()))) == (OBJECTS.tolist(), 2)
 
 
+def test_labels_of_a_table_are_told_where_names_of_files_have_some(tmp_path):
+    for n, tap in enumerate(TAPS):
+        table(tmp_path / f"in/{OBJECTS[n]}_{n}.csv", "s0,s1,s2,s3", tap)
+    table(
+        tmp_path / "in/index.csv", "file,material", [(f"{name}_{n}.csv", "ab"[n % 2]) for n, name in enumerate(OBJECTS)]
+    )
+    text = look([tmp_path / "in"], TapMap())
+
+    assert 'files = "{what}_{trial}.csv"' in text
+    assert '# Perhaps: what = "index.csv:material" (a table beside, rather than names)' in text
+
+
 def test_one_of_several_tables_of_labels_is_proposed(tmp_path):
     for n, tap in enumerate(TAPS):
         table(tmp_path / f"in/rec{n}.csv", "s0,s1,s2,s3", tap)

@@ -313,3 +313,52 @@ def test_taps_of_about_one_length_are_cut_to_the_shortest(tmp_path):
 
     assert how.length == "shortest"
     assert "taps have 40 to 43 samples" in text
+
+
+@pytest.mark.parametrize("low", [0, 5])
+def test_a_signal_of_two_levels_needs_the_samples_of_a_tap(low, tmp_path):
+    """The end of a trigger is not that of a tap; it may be low while a finger presses."""
+    levels = [abs((0 if j % 30 < 22 else 5) - low) + RNG.normal(0, 0.02) for j in range(300)]
+    rows = [(j / 100, *RNG.random(3).round(3), round(level, 3)) for j, level in enumerate(levels)]
+    text, how = looked(tmp_path / "r.csv", csv("t,p0,p1,p2,switch", rows))
+
+    assert (how.trigger, how.window, how.taxels) == ("signal", None, "p*")
+    assert how.signal == "switch" if low == 0 else how.signal is not None and how.signal.startswith("switch<2.")
+    assert "trigger (--trigger) signal requires window (--window)" in text
+
+
+def test_a_column_that_counts_anew_divides_taps(tmp_path):
+    rows = [("ab"[n % 2], j + 1, *RNG.random(2).round(3)) for n in range(6) for j in range(20 + n)]
+    text, how = looked(tmp_path / "r.csv", csv("gesture,frame,ch1,ch2", rows))
+
+    assert (how.tap, how.length, how.taxels) == ("restart:frame", "shortest", "ch*")
+    assert "6 taps, 20 samples x 2 taxels, 2 objects" in text
+
+
+@pytest.mark.parametrize(
+    ("header", "begin"),
+    [
+        ("Datum/Zeit,Nr.,Objekt,Kanal 1,Kanal 2", "01.03.2020 10:00:"),
+        ("Temps,Essai,Objet,Capteur 1,Capteur 2", "10:00:"),
+    ],
+)
+def test_words_and_times_of_other_languages(header, begin, tmp_path):
+    rows = [
+        (f"{begin}{10 * n + j:02d}.5", n, "ab"[n % 2], *RNG.random(2).round(3)) for n in range(5) for j in range(10)
+    ]
+    text, how = looked(tmp_path / "r.csv", csv(header, rows))
+
+    assert [how.time, how.tap, how.what] == header.split(",")[:3]
+    assert "5 taps, 10 samples x 2 taxels, 2 objects" in text
+
+
+def test_arrays_beside_the_samples_of_a_file_are_no_labels_without_names_of_such(tmp_path):
+    (tmp_path / "in").mkdir()
+    for n, name in enumerate("abab"):
+        beside = {key: RNG.random((1, 50)) for key in ("JPos", "JVel")}
+        savemat(tmp_path / f"in/{name}_{n}.mat", {"electrodes": RNG.random((19, 50)), **beside})
+    text, how = looked(tmp_path / "in")
+
+    assert (how.files, how.tap) == ("{what}_{trial}.mat", "file")
+    assert "4 taps" in text
+    assert "# Not used: JPos, JVel.\n" in text
