@@ -104,7 +104,7 @@ def test_the_delimiter_that_is_found_is_the_one_that_was_written(tmp_path_factor
 
 
 @given(
-    st.binary(max_size=60) | st.text('1,;\n\r\t "#.e-aµ', max_size=60).map(str.encode),
+    st.binary(max_size=60) | st.text('1,;\n\r\t "#.e-aµ>:sN\u00a0\u2019', max_size=60).map(str.encode),
     st.booleans(),
     st.integers(1, 20),
 )
