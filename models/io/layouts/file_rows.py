@@ -204,13 +204,20 @@ def _number_of(file: SourceFile) -> list[str]:
     return [str(int(number)) for number in numbers] if len(numbers) == 1 else []
 
 
-def counts_otherwise(values: NDArray[Any]) -> bool:
-    """Whether values are the numbers of all rows, from 0 or 1, in another order than that of the rows."""
+def counts_otherwise(values: NDArray[Any], groups: Sequence[Any] = ()) -> bool:
+    """Whether values are the numbers of all rows, from 0 or 1, in another order than that of the rows.
+
+    Args:
+        values: Texts.
+        groups: What each row is of, if rows are counted in each of several.
+    """
     if not _numbers(values):
         return False
-    numbers, rows = list(map(int, values.tolist())), len(values)
-    least = min(numbers)
-    return least in (0, 1) and numbers != sorted(numbers) == list(range(least, least + rows))
+    numbers: dict[Any, list[int]] = {}
+    for group, text in zip(groups or [None] * len(values), values.tolist(), strict=True):
+        numbers.setdefault(group, []).append(int(text))
+    count = [sorted(of) == list(range(least := min(of), least + len(of))) and least < 2 for of in numbers.values()]
+    return all(count) and any(of != sorted(of) for of in numbers.values())
 
 
 def _whole(values: NDArray[Any]) -> list[str]:

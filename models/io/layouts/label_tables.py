@@ -116,8 +116,7 @@ class LabelTables:
         if len(values) == 1 and by:
             return str(values[0])
         these = tuple(among.tolist())
-        beside = {key: of for key, of in column.texts_beside.items() if (source.name, key) not in self.labels}
-        counts = [key for key, of in beside.items() if not source.by and counts_otherwise(of[among])]
+        counts = [] if source.by else self._contrary(source, column, among, self._both(source, file, contents), found)
         alone = list(about.rows.values()).count(about.rows[file.path]) == 1 if by else len(self.files) == 1
         if len(values) == rows and alone and not counts:
             return values
@@ -125,6 +124,27 @@ class LabelTables:
             return ByOrder(values, name, these)
         hint = _hint(source, column.name, about, counts)
         return ByOrder(values, name, these, hint, "rows" if counts else "files" if about.doubt else "")
+
+    def _contrary(
+        self,
+        source: LabelSource,
+        column: TableColumn,
+        among: NDArray[np.intp],
+        both: Mapping[str, str],
+        found: Mapping[str, Values],
+    ) -> list[str]:
+        """Columns by which rows are not in the order of the taps: they count otherwise, or differ from those here."""
+        beside = {key: of[among] for key, of in column.texts_beside.items() if (source.name, key) not in self.labels}
+        if not both:
+            return [key for key, of in beside.items() if counts_otherwise(of)]
+        groups = _joint([column.columns[key][among] for key in both])
+        here = [np.asarray(found[of]) for of in both.values()]
+        here = _joint([of[runs(*here)] for of in here])
+        there = [group for n, group in enumerate(groups) if not n or group != groups[n - 1]]
+        inside = range(len(there) - len(here) + 1) if len(self.files) > 1 else [0] * (len(there) == len(here))
+        if not any(there[n : n + len(here)] == here for n in inside):
+            return list(both)
+        return [key for key, of in beside.items() if counts_otherwise(of, groups)]
 
     def _about(self, source: LabelSource, file: SourceFile) -> FileRows:
         """Rows of a table by file, and what tells so."""
@@ -167,24 +187,35 @@ class LabelTables:
         if source.name == self.events or source.by == "order":
             return {}
         about = self._about(source, file)
-        if source.by:
-            return {} if about.by else {source.by: contents.named(source.own or source.by)}
-        column = self.column(source, file)
-        columns, apart = column.columns, (column.name, self.time)
+        column, own = self.column(source, file), self._both(source, file, contents)
+        if source.by and not about.by:
+            own = {source.by: contents.named(source.own or source.by)} | own
         whole = not about.by or about.numbered
         among = range(len(column.values)) if whole else about.rows.get(file.path, ())
-        own = {key: _alike(key, contents) for key in columns if key not in apart}
-        both = [key for key, of in own.items() if of and len(contents.variables[of].shape) == 1 and not key.isdecimal()]
+        both = list(own)
         if len(among) < 2 or not both:
             return {}
         for number in range(1, len(both) + 1):
-            texts = _joint([columns[key][list(among)] for key in both[:number]])
+            texts = _joint([column.columns[key][list(among)] for key in both[:number]])
             if len(set(texts)) == len(texts):
                 return {key: own[key] for key in both[:number]}
-            if number == len(both) and 2 * len(set(texts)) >= len(texts):
+            if number == len(both) and (source.by in both or 2 * len(set(texts)) >= len(texts)):
                 twice = Counter(texts).most_common(1)[0][0]
                 raise InputError(f"the table has {', '.join(both)} {', '.join(twice)} in two rows.")
         return {}
+
+    def needed(self, source: LabelSource, file: SourceFile, contents: Contents) -> list[str]:
+        """Variables of a file that a table of labels has as well."""
+        return list((self.shared(source, file, contents) or self._both(source, file, contents)).values())
+
+    def _both(self, source: LabelSource, file: SourceFile, contents: Contents) -> dict[str, str]:
+        """Columns of a table, beside that of the labels, and the variables of a file that are called so."""
+        if source.name == self.events:
+            return {}
+        column = self.column(source, file)
+        found = {key: _alike(key, contents) for key in column.columns if key not in (column.name, self.time)}
+        found = {key: of for key, of in found.items() if of and not key.isdecimal()}
+        return {key: of for key, of in found.items() if len(contents.variables[of].shape) == 1}
 
     def column(self, source: LabelSource, file: SourceFile) -> TableColumn:
         """A column of a table beside a file or in another folder.
@@ -252,9 +283,9 @@ def _hint(source: LabelSource, column: str, about: FileRows, counts: Sequence[st
     name = f"{source.name}:{column}"
     if counts:
         return (
-            f"its column {counts[0]} counts its rows in another order; {name}:{counts[0]} reads it by the names of "
-            f"files, {name}:{counts[0]}=OWN by a column or field OWN of the recording, {name}:order in the order of "
-            "the taps"
+            f"by its column {counts[0]} its rows are in another order than the taps; {name}:KEY reads it by the names "
+            f"of files in its column KEY, {name}:KEY=OWN by a column or field OWN of the recording, {name}:order in "
+            "the order of the taps"
         )
     if about.doubt:
         return f"{about.doubt}; {name}:COLUMN reads it by these numbers, {name}:order in the order of the taps"

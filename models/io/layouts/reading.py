@@ -54,7 +54,7 @@ def needed(sources: Sequence[LabelSource], file: SourceFile, contents: Contents,
                 name = name_of(source.name, file, contents)
                 found += [] if name in contents.attributes else [contents.named(name)]
             elif source.kind == "table":
-                found += tables.shared(source, file, contents).values()
+                found += tables.needed(source, file, contents)
     return found
 
 

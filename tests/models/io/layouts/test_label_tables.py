@@ -432,7 +432,7 @@ def test_a_table_with_its_rows_counted_in_another_order_is_refused_with_the_ways
     how = {"tap": "row", "taxels": "p", "files": "a.txt"}
     table = f"{column},thing\n2,cup\n0,rod\n1,pot\n"
     with pytest.raises(
-        InputError, match=rf"its column {column} counts its rows in another order; labels.csv:thing:{column} r"
+        InputError, match=rf"by its column {column} its rows are in another order than the taps; labels.csv:th"
     ):
         found(tmp_path, table, **how)
     assert found(tmp_path, table, **how, what="labels.csv:thing:order") == {0: "cup", 1: "rod", 2: "pot"}
@@ -462,3 +462,29 @@ def test_objects_that_differ_in_signs_alone_are_told(names, alike, tmp_path):
     (tmp_path / "a.csv").write_text(f"thing,p\n{rows}")
     told = load_mapped(tmp_path / "a.csv", TapMap(taxels="p", tap="row", what="thing")).told
     assert told == (f"what (--what): {alike} are two objects that differ in signs alone.",)
+
+
+@pytest.mark.parametrize(
+    ("rows", "column"),
+    [
+        ("10 11 12 00 01 02", "day"),
+        ("00 10 01 11 02 12", "day"),
+        ("02 00 01 10 11 12", "nr"),
+        ("00 01 02 10 11 12", None),
+    ],
+)
+def test_a_table_that_contradicts_the_order_of_the_taps_is_refused(rows, column, tmp_path):
+    """By the days that both have, or by what it counts in each day."""
+    taps = [f"{day},{tap}" for day in (0, 1) for tap in (0, 1, 2)]
+    (tmp_path / "a.txt").write_text("day,tap,p\n" + "".join(f"{tap},{n}\n" for n, tap in enumerate(taps)))
+    how = {"tap": "row", "taxels": "p", "files": "a.txt"}
+    table = "day,nr,thing\n" + "".join(f"{day},{nr},{n}\n" for n, (day, nr) in zip("abcdef", rows.split(), strict=True))
+    if column is None:
+        assert found(tmp_path, table, **how) == dict(enumerate("abcdef"))
+        return
+    with pytest.raises(InputError, match=rf"by its column {column} its rows are in another order than the taps"):
+        found(tmp_path, table, **how)
+    by_both = found(tmp_path, table, **how, what="labels.csv:thing:nr=tap")
+    assert "".join(by_both.values()) == "".join(np.array(list("abcdef"))[np.argsort(rows.split())])
+    with pytest.raises(InputError, match=r"the table has nr \d in two rows"):
+        found(tmp_path, table.replace("day", "date"), **how, what="labels.csv:thing:nr=tap")
