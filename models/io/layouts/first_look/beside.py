@@ -19,6 +19,7 @@ from ..patterns import compiled_pattern, fields_of, filled
 from .guess import NAMES, Guess, as_floats, indices, like, plain
 from .guess_names import name_pattern
 
+_UTF16 = b"\xff\xfe", b"\xfe\xff"
 _BEGIN = 1 << 16
 """Bytes of a file that tell its layout."""
 _NUMBER = re.compile(r"[-+]?\d+([.,]\d+)?([eE][-+]?\d+)?|nan|NaN")
@@ -90,10 +91,12 @@ def _layout(path: Path, how: TapMap) -> tuple[str, ...]:
             return kind, *(str(len(of.shape)) for of in open_contents(path, how.text_table, kind).variables.values())
         if kind != "text":
             return kind, *open_contents(path, how.text_table, kind).variables
-        content = next(iter(Lines(path, how.skip_rows, how.comment, _BEGIN))).content.decode()
-    except (InputError, OSError, StopIteration):
+        with path.open("rb") as file:
+            begin = file.read(_BEGIN)
+    except (InputError, OSError):
         return kind, "not read"
-    line = next(filter(str.strip, content.splitlines()), "")
+    lines = begin.decode("utf-16" if begin[:2] in _UTF16 else "utf-8", errors="replace").splitlines()[how.skip_rows :]
+    line = next((each for each in lines if each.strip() and not (how.comment and each.startswith(how.comment))), "")
     cells = [cell for cell in re.split(r"[,;\t| ]", line) if cell.strip()]
     numbers = sum(_NUMBER.fullmatch(cell.strip()) is not None for cell in cells)
     return kind, f"{len(cells)} numbers" if 2 * numbers >= len(cells) else _NUMBER.sub("#", line)

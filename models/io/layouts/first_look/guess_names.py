@@ -241,6 +241,8 @@ def _field(word: _Word, taken: set[str], told: Set[str], *, strict: bool, of_tap
     short = all(len(value) == 1 for value in word.values)
     if key == "what" and short:
         reason += "; check whether these are objects"
+    if key == "session" and key not in _told(word):
+        reason += "; check whether these are sessions"
     if key == "where" and (key not in _told(word) or not word.called):
         reason += "; check whether these are positions"
     return (key, f"numbers {reason}" if key in ("where", "trial") else reason) if key else ("", "")

@@ -4,8 +4,9 @@ import json
 import re
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,29 +61,11 @@ def look(sources: Sequence[str | Path], how: TapMap) -> str:
     if how.files is None and any(map(is_folder, paths)):
         how, groups = file_groups(paths, how, guesses)
     files = groups[0] if groups else source_files(paths, how)
-    written, contents = opened(files[0].path, how, guesses)
-    values = _read(contents)
-    if (comma := with_comma(values, written)) is not None:
-        guesses.append(comma)
-        written = written.changed(decimal=",")
-        contents = open_contents(files[0].path, written.text_table, written.format, BLOCKS)
-        values = _read(contents)
-    lines += ["", f"{files[0].below}:", *_held(contents, values)]
-    others = [open_contents(file.path, written.text_table, how.format, BLOCKS) for file in _compared(files, contents)]
-    lines += _differences(others[:1], contents, files[1:2])
-    of_names: list[Guess] = []
-    own = [
-        guess.key
-        for guess in _inside(contents, values, [], [])
-        if guess.key in ("what", "where") and _by_name(guess, values)
-    ]
-    for of_taps in (True, False):
-        of_names = files_guesses(files, groups, of_taps, set(own)) if groups and how.files is None else []
-        inside = list(_inside(contents, values, others, of_names))
-        if any(guess.key == "tap" and guess.value == "file" for guess in inside):
-            break
-    guesses += [*of_names, *inside]
-    guesses += names_beside(files[0].path, guesses, contents, values)
+    files, written, contents, values, broken = _first(files, how, guesses)
+    others = _compared(files[1:], contents, written, how.format)
+    lines += [*broken, "", f"{files[0].below}:", *_held(contents, values)]
+    lines += _differences(others[:1], contents, {file.path: file.below for file in files})
+    guesses += _guessed(files, groups, contents, values, others)
     guesses = [guess for guess in guesses if guess.of_names or getattr(how, guess.key) == getattr(TapMap(), guess.key)]
     tables, told, spare = tables_beside(files, groups[1:], guesses, values, written)
     size = sum(map(bytes_of, (file.path for file in files)))
@@ -98,6 +81,62 @@ def look(sources: Sequence[str | Path], how: TapMap) -> str:
     comments = (f"# {line}".rstrip() for line in map(printable, lines))
     notes = (f"# {line}".rstrip() for line in map(printable, [*told, result]))
     return "\n".join([*comments, "", *_map(how, guesses), *notes, ""])
+
+
+class _First(NamedTuple):
+    """The first file that can be read, before the others; the map that opens it; what it holds; and broken files."""
+
+    files: list[SourceFile]
+    written: TapMap
+    contents: Contents
+    values: dict[str, NDArray[Any]]
+    broken: list[str]
+
+
+def _first(files: Sequence[SourceFile], how: TapMap, guesses: list[Guess]) -> _First:
+    """Opens the first files until one can be read, with guesses of how its table is written.
+
+    Raises:
+        InputError: None can; the message is that of the first one.
+    """
+    errors: list[InputError] = []
+    for number, file in enumerate(files[:_COMPARED]):
+        try:
+            found: list[Guess] = []
+            written, contents = opened(file.path, how, found)
+            values = _read(contents)
+            if (comma := with_comma(values, written)) is not None:
+                found.append(comma)
+                written = written.changed(decimal=",")
+                contents = open_contents(file.path, written.text_table, written.format, BLOCKS)
+                values = _read(contents)
+        except InputError as error:
+            errors.append(error)
+            continue
+        guesses += found
+        rest = [*files[:number], *files[number + 1 :]]
+        return _First([file, *rest], written, contents, values, list(map(str, errors)))
+    raise errors[0]
+
+
+def _guessed(
+    files: Sequence[SourceFile],
+    groups: Sequence[Sequence[SourceFile]],
+    contents: Contents,
+    values: Mapping[str, NDArray[Any]],
+    others: Sequence[Contents],
+) -> list[Guess]:
+    """What names of files and the contents of the first mean; numbers in names are trials only if files are taps."""
+    of_names: list[Guess] = []
+    inside = list(_inside(contents, values, [], []))
+    own = {guess.key for guess in inside if guess.key in ("what", "where") and _by_name(guess, values)}
+    for of_taps in (True, False):
+        of_names = files_guesses(files, groups, of_taps, own) if groups else []
+        inside = list(_inside(contents, values, others, of_names))
+        if any(guess.key == "tap" and guess.value == "file" for guess in inside):
+            break
+    found = [*of_names, *inside]
+    return [*found, *names_beside(files[0].path, found, contents, values)]
 
 
 def _by_name(guess: Guess, values: Mapping[str, NDArray[Any]]) -> bool:
@@ -173,9 +212,13 @@ def _fields_known(text: str, fields: Sequence[str]) -> bool:
     return set(fields_of(text)) <= set(fields) and text.count("{") == len(re.findall(r"\{\w+\}", text))
 
 
-def _compared(files: Sequence[SourceFile], first: Contents) -> Sequence[SourceFile]:
-    """The files that are opened beside the first one."""
-    return files[1:2] if first.table else files[1:_COMPARED]
+def _compared(files: Sequence[SourceFile], first: Contents, how: TapMap, kind: str | None) -> list[Contents]:
+    """What further files hold that can be read, to be compared with the first one."""
+    found = []
+    for file in files[: 1 if first.table else _COMPARED - 1]:
+        with suppress(InputError):
+            found.append(open_contents(file.path, how.text_table, kind, BLOCKS))
+    return found
 
 
 def _inside(
@@ -229,6 +272,7 @@ def _read(contents: Contents) -> dict[str, NDArray[Any]]:
     variables = contents.variables.values()
     sizes = np.cumsum([0 if contents.table else size_of(each) * each.dtype.itemsize for each in variables])
     names = [name for name, size in zip(contents.variables, sizes.tolist(), strict=True) if size <= _SMALL]
+    names = [name for name in names if list(contents.columns).count(name) == 1] or names
     values = contents.read(names)[0]
     return {name: of for name, of in values.items() if isinstance(of, np.ndarray)}
 
@@ -244,6 +288,8 @@ def _held(contents: Contents, values: Mapping[str, NDArray[Any]]) -> Iterator[st
         yield f"  {name:<{min(width, 40)}}  {', '.join(filter(None, parts))}"
     if len(contents.variables) > len(names):
         yield f"  ... and {len(contents.variables) - len(names)} more"
+    for name in [name for name in names if list(contents.columns).count(name) > 1]:
+        yield f"  {name} is the name of several columns: skip the header, header = false, and name columns by number"
     for name, reason in contents.unreadable.items():
         yield f"  {name} is not read: {reason}"
     attributes = list(contents.attributes.items())
@@ -277,12 +323,12 @@ def _summary(values: NDArray[Any] | None, variable: Variable) -> Iterator[str]:
         yield f"{missing} missing"
 
 
-def _differences(others: Sequence[Contents], first: Contents, files: Sequence[SourceFile]) -> Iterator[str]:
+def _differences(others: Sequence[Contents], first: Contents, names: Mapping[Path, str]) -> Iterator[str]:
     """Whether another file has other variables."""
-    for file, other in zip(files, others, strict=True):
+    for other in others:
         apart = sorted(set(first.variables) ^ set(other.variables))
         if apart:
-            yield f"{file.below} differs in {', '.join(apart[:_MOST_NAMES])}."
+            yield f"{names[other.path]} differs in {', '.join(apart[:_MOST_NAMES])}."
 
 
 def _map(how: TapMap, guesses: Sequence[Guess]) -> Iterator[str]:

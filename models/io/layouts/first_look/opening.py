@@ -60,7 +60,8 @@ def _opened_below(path: Path, how: TapMap) -> tuple[TapMap, Contents] | None:
     except OSError:
         return None
     mark = next((mark for mark in ("#", "%", "//", ";") if begin.startswith(mark.encode())), None)
-    starts = [{"skip_rows": n} for n in range(min(_MOST_SKIPPED, begin.count(b"\n")))]
+    most = min(_MOST_SKIPPED, begin.count(b"\n") // 2)  # else the last rows of a table that is broken before them
+    starts = [{"skip_rows": n} for n in range(most + 1)]
     for start in [{"comment": mark}, *starts] if mark and not how.comment else starts:
         for decimal, header in product({how.decimal: None, ",": None}, (True, False)):
             written = how.changed(**start, decimal=decimal, header=header)

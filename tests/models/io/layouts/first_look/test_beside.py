@@ -169,6 +169,24 @@ def test_comments_before_numbers(tmp_path):
     assert (how.comment, how.header, found) == ("#", False, OBJECTS.tolist())
 
 
+def test_a_broken_file_is_told_and_others_are_shown(tmp_path):
+    for n, tap in enumerate(TAPS):
+        table(tmp_path / f"in/{OBJECTS[n]}_{n:02d}.csv", "s0,s1,s2,s3", tap)
+    first = sorted((tmp_path / "in").iterdir())[0]
+    first.write_text(first.read_text()[:-30].rpartition(",")[0] + "\n")
+    text = look([tmp_path / "in"], TapMap())
+
+    assert f"# {first}: " in text
+    assert 'taxels = "s*"' in text
+    assert f"# With this map: {first}: none of " in text
+
+
+def test_columns_of_one_name_are_told(tmp_path):
+    table(tmp_path / "in/r.csv", "tap,Force,Force,s0,s1", [(n // 5, n, n, n % 3, 1) for n in range(20)])
+
+    assert "Force is the name of several columns: skip the header" in look([tmp_path], TapMap())
+
+
 def test_refusals(tmp_path):
     (tmp_path / "empty").mkdir()
     (tmp_path / "linked").mkdir()
