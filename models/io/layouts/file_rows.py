@@ -95,9 +95,8 @@ def _rows(texts: Sequence[str], files: Sequence[SourceFile], names: Callable[[So
 
 
 def _common(parts: Sequence[Rows]) -> Rows:
-    return {
-        path: [row for row in of if all(row in set(part[path]) for part in parts[1:])] for path, of in parts[0].items()
-    }
+    common = {path: set(of).intersection(*(part[path] for part in parts[1:])) for path, of in parts[0].items()}
+    return {path: sorted(of) for path, of in common.items()}
 
 
 def _twice(rows: Rows) -> tuple[int, Path, Path] | None:

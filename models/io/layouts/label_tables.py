@@ -71,6 +71,8 @@ class LabelTables:
     told: dict[str, str] = field(default_factory=dict)
     _opened: dict[tuple[Path, TextTable], tuple[Contents, dict[str, NDArray[Any]]]] = field(default_factory=dict)
     _known: dict[tuple[Path, str, str], TableColumn] = field(default_factory=dict)
+    _places: dict[tuple[str, Path], Path] = field(default_factory=dict)
+    _counting: dict[tuple[Path, str, int], list[str]] = field(default_factory=dict)
     _by_file: dict[tuple[Path, str, str, str], FileRows] = field(default_factory=dict)
 
     @cached_property
@@ -100,7 +102,7 @@ class LabelTables:
         among = np.array(about.rows.get(file.path, ()) if about.by else np.arange(len(column.values)), dtype=np.intp)
         if not len(among):
             raise InputError(f"{name} has no row for this file.")
-        by = [about.by] * bool(about.by)
+        by, both = [about.by] * bool(about.by), self._both(source, file, contents)
         if keys:
             by.append(f"its column{'s' * (len(keys) > 1)} {', '.join(keys)}")
             self.told[name] = f"{name} is read by {' and '.join(by)}, which the recording has as well."
@@ -109,14 +111,13 @@ class LabelTables:
         if by:
             self.told[name] = f"{name} is read by {by[0]}."
         elif source.name != self.events:
-            self.told[name] = f"{name} is read in the order of the taps" + (
-                "." if source.by else ", as it names no files and shares no column."
-            )
+            why = "" if source.by or both else ", as it names no files and shares no column"
+            self.told[name] = f"{name} is read in the order of the taps{why}."
         values = column.values[among]
         if len(values) == 1 and by:
             return str(values[0])
         these = tuple(among.tolist())
-        counts = [] if source.by else self._contrary(source, column, among, self._both(source, file, contents), found)
+        counts = [] if source.by else self._contrary(source, column, among, both, found)
         alone = list(about.rows.values()).count(about.rows[file.path]) == 1 if by else len(self.files) == 1
         if len(values) == rows and alone and not counts:
             return values
@@ -134,9 +135,14 @@ class LabelTables:
         found: Mapping[str, Values],
     ) -> list[str]:
         """Columns by which rows are not in the order of the taps: they count otherwise, or differ from those here."""
+        if not both and (known := self._counting.get((column.path, column.name, len(among)))) is not None:
+            return known
         beside = {key: of[among] for key, of in column.texts_beside.items() if (source.name, key) not in self.labels}
         if not both:
-            return [key for key, of in beside.items() if counts_otherwise(of)]
+            found_here = [key for key, of in beside.items() if counts_otherwise(of)]
+            if len(among) == len(column.values):  # the same for all files
+                self._counting[column.path, column.name, len(among)] = found_here
+            return found_here
         groups = _joint([column.columns[key][among] for key in both])
         here = [np.asarray(found[of]) for of in both.values()]
         here = _joint([of[runs(*here)] for of in here])
@@ -270,11 +276,15 @@ class LabelTables:
         Raises:
             InputError: There is none.
         """
-        folders = [file.path.parent, *self.folders]
+        beside = file.path.parent
+        if (name, beside) in self._places:
+            return self._places[name, beside]
+        folders = [beside, *self.folders]
         path = next((there for folder in folders if (there := folder / name).is_file()), None)
         if path is None:
             places = ", ".join(dict.fromkeys(str(folder) for folder in folders))
             raise InputError(f"{name}: no such table; looked in {places}.")
+        self._places[name, beside] = path
         return path
 
 
