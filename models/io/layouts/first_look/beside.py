@@ -316,13 +316,14 @@ def _labels_beside(
 ) -> Iterator[Guess]:
     """Labels in a table that are nowhere else."""
     own = {each: of for each, of in columns.items() if each not in values or len(columns) == 1}
+    own = {each: of for each, of in own.items() if len(set(of.tolist())) > 1}
     for key in ("what", "where", "session"):
         fitting = [each for each in own if like(key, plain(each))]
         if key == "where":
             fitting = [each for each in fitting if as_floats(own[each]) is not None]
         if key == "what" and not fitting:
             repeat = {each: len(set(of.tolist())) for each, of in own.items() if of.dtype.kind == "U" or len(own) == 1}
-            fitting = [each for each, n in repeat.items() if 1 < n <= len(own[each]) // 2]
+            fitting = [each for each, n in repeat.items() if n <= len(own[each]) // 2]
         if fitting and key not in taken and not (key == "where" and "x" in taken):
             column = "" if name.endswith(".npy") else f":{fitting[0]}"
             yield Guess(

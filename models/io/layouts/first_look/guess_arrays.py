@@ -12,6 +12,7 @@ from ..mapping import LABELS
 from ..patterns import compiled_pattern
 from .guess import CHECK, NAMES, TAP_AXES, Guess, increases, indices, is_number, like, plain, shape_of, size_of
 from .guess_names import name_pattern
+from .guess_presses import signal
 
 _NO_OBJECT = re.compile(r"time|stamp|force|torque|joint|pose|accel|gyro|image|camera|position|velocity", re.IGNORECASE)
 """What groups of other quantities than those of an object are called."""
@@ -59,6 +60,9 @@ def array_guesses(
         found.append(Guess("axes", "sample,taxel", "as each row has a time"))
         if keys & {"what", "trial"}:
             found.append(Guess("tap", "file", "each array is one tap, if it is"))
+        elif pressing := list(signal({each: values[each] for each in labels if each in values})):
+            found += pressing
+            labels = [each for each in labels if each != pressing[1].value.partition("<")[0]]
     elif _each_a_tap(rank, len(shapes), keys, of_names) and (one_each or not labels):
         found += _one_tap(shapes)
         labels = []

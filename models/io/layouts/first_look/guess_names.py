@@ -129,6 +129,7 @@ def _pattern(
         _piece(words[i], found.get(column)) if i in words else re.sub(r"[{}*?]", "?", column[0])
         for i, column in enumerate(columns)
     ]
+    _doubt_sizes(found)
     fields = [_by_date(guess, values) for values, guess in found.items()]
     unused = [word.values for word in words.values() if fields and word.values not in found]
     fields += [Guess(NOT_USED, shown(_distinct(values)), "which no field takes", of_names=True) for values in unused]
@@ -181,6 +182,17 @@ def _words(columns: Sequence[tuple[str, ...]]) -> dict[int, _Word]:
 def _tells_nothing(word: _Word) -> bool:
     """Whether these are whole names of which hardly any occurs twice."""
     return not word.numbers and len(set(word.values)) > len(word.values) // 2
+
+
+def _doubt_sizes(found: dict[tuple[str, ...], Guess]) -> None:
+    """Adds to the reason of positions that they may be sizes, if some objects have only some of them."""
+    by_key = {guess.key: values for values, guess in found.items()}
+    if not {"what", "where"} <= by_key.keys() or "check" not in found[by_key["where"]].reason:
+        return
+    objects, places = by_key["what"], by_key["where"]
+    if len(set(zip(objects, places, strict=True))) < len(set(objects)) * len(set(places)):
+        reason = f"{found[places].reason}, or sizes of objects: not all objects have all of them"
+        found[places] = found[places]._replace(reason=reason)
 
 
 def _counts(word: _Word, words: Mapping[int, _Word]) -> bool:

@@ -181,6 +181,16 @@ def test_a_broken_file_is_told_and_others_are_shown(tmp_path):
     assert f"# With this map: {first}: none of " in text
 
 
+def test_texts_beside_a_recording_label_nothing(tmp_path):
+    for n, tap in enumerate(TAPS):
+        table(tmp_path / f"in/{n}.csv", "s0,s1,s2,s3", tap)
+    (tmp_path / "in/README.txt").write_text("Tactile data, 2 materials\n12 presses each, 100 Hz\n")
+    text = look([tmp_path / "in"], TapMap())
+
+    assert "# README.txt: another layout" in text
+    assert "what = " not in text
+
+
 def test_columns_of_one_name_are_told(tmp_path):
     table(tmp_path / "in/r.csv", "tap,Force,Force,s0,s1", [(n // 5, n, n, n % 3, 1) for n in range(20)])
 

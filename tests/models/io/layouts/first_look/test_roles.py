@@ -362,3 +362,24 @@ def test_arrays_beside_the_samples_of_a_file_are_no_labels_without_names_of_such
     assert (how.files, how.tap) == ("{what}_{trial}.mat", "file")
     assert "4 taps" in text
     assert "# Not used: JPos, JVel.\n" in text
+
+
+def test_sizes_of_objects_may_look_like_positions(tmp_path):
+    (tmp_path / "in").mkdir()
+    for name in ("cube_20mm", "cube_30mm", "ball_20mm"):
+        for n in (1, 2):
+            (tmp_path / f"in/{name}_{n}.csv").write_text("s0,s1\n1,2\n3,5\n")
+
+    assert "check whether these are positions, or sizes of objects: not all objects have all" in look(
+        [tmp_path], TapMap()
+    )
+
+
+def test_an_array_of_contact_beside_a_stream_cuts_it(tmp_path):
+    with h5py.File(tmp_path / "r.h5", "w") as file:
+        file["raw/tactile"], file["raw/t"] = RNG.random((300, 4)), np.arange(300) / 100
+        file["sync/contact"] = (np.arange(300) % 30 >= 10).astype("u1")
+    text, how = looked(tmp_path / "r.h5")
+
+    assert (how.trigger, how.signal, how.window) == ("signal", "sync/contact", 20)
+    assert "taps, 20 samples x 4 taxels" in text
