@@ -87,6 +87,7 @@ def pieces(files: Sequence[SourceFile], how: TapMap, tables: LabelTables, missin
     first: dict[str, FirstColumns] = {}
     for file in files:
         contents = open_contents(file.path, how.text_table, how.format)
+        contents.without_cut = True
         with naming(file.path):
             alone = _only_array(contents) if how.taps is None else None
             if how.taps is None and alone is None:

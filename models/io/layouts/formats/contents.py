@@ -82,6 +82,7 @@ class Contents(ABC):
         attributes: Texts and numbers that belong to the file, such as a licence, or several of them.
         table: Whether the variables are columns of one table, with as many rows each.
         most: How many blocks of rows of a table `read` reads, each of some MiB; `None` for all.
+        without_cut: Whether a last row of a table that is cut is left out, as `damage` tells, or else refused.
     """
 
     path: Path
@@ -91,6 +92,7 @@ class Contents(ABC):
     attributes: Mapping[str, str | float]
     table: bool = False
     most: int | None = None
+    without_cut: bool = False
 
     @property
     def columns(self) -> Sequence[str]:

@@ -93,5 +93,5 @@ def open_contents(path: Path, how: TextTable, kind: str | None = None, most: int
         if path.is_file() and not path.stat().st_size:
             raise InputError("the file is empty.")
         contents = opener(path, how, most) if kind in _READ_AT_ONCE else opener(path, how)
-    contents.most = most
+    contents.most, contents.without_cut = most, most is not None
     return contents

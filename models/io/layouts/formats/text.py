@@ -14,7 +14,7 @@ from ....errors import InputError
 from .columns import Part, gathered
 from .contents import Contents, TextTable, Values, Variable, name_and_unit
 from .text_header import MISSING, TextLayout, layout_of, without_thousands
-from .text_lines import BLOCK, Lines, TextBlock, rows, whole_rows, with_one_delimiter
+from .text_lines import BLOCK, Lines, TextBlock, before, rows, whole_rows
 
 _END, _TAB, _QUOTE = b'\n\t"'
 _SHOWN = 40
@@ -79,11 +79,13 @@ class TextContents(Contents):
             row -= length
         raise IndexError(row)
 
-    def _blocks(self) -> Iterable[TextBlock]:
-        delimiter, others, blocks = self._layout.delimiter, self._layout.others, iter(self._lines)
-        if others:
-            blocks = (each._replace(content=with_one_delimiter(each.content, others, delimiter)) for each in blocks)
-        return whole_rows(blocks, delimiter)
+    def _blocks(self) -> Iterator[TextBlock]:
+        layout = self._layout
+        for block in whole_rows(map(layout.with_one_delimiter, self._lines), layout.delimiter):
+            cut = 0 if block.ended or not self.without_cut else layout.cut_line(block)
+            if cut:
+                self.damage = f"line {cut} left out: the file ends within it."
+            yield before(block, cut) if cut else block
 
     def _places(self, names: Iterable[str]) -> list[int]:
         """Numbers of columns."""

@@ -9,7 +9,7 @@ import numpy as np
 
 from ....errors import InputError
 from .contents import TextTable
-from .text_lines import DELIMITERS, Lines, OpenQuote, TextBlock, rows, with_one_delimiter
+from .text_lines import DELIMITERS, Lines, OpenQuote, TextBlock, before, cut_line, rows, with_one_delimiter
 
 _FIRST = 30  # rows that are looked at
 MISSING = ("", "NA", "N/A", "n/a", "NaN", "nan", "null", "None")
@@ -99,6 +99,16 @@ class TextLayout:
             split = " and ".join(map(_named, signs))
             raise InputError(f"line {line}: {found}, but there are {width} columns, split at {split}.")
 
+    def with_one_delimiter(self, block: TextBlock) -> TextBlock:
+        """Lines with the one delimiter in place of all."""
+        if not self.others:
+            return block
+        return block._replace(content=with_one_delimiter(block.content, self.others, self.delimiter))
+
+    def cut_line(self, block: TextBlock) -> int:
+        """Line of a last row that is cut, 0 without, see `text_lines.cut_line`."""
+        return cut_line(self.with_one_delimiter(block), self.delimiter, len(self.names))
+
 
 def without_thousands(cell: str) -> str:
     r"""A number without the signs between its thousands; another text as it is.
@@ -124,18 +134,38 @@ def layout_of(lines: Lines, how: TextTable) -> TextLayout:
         raise InputError(f"there are no lines{f' after the {how.skip_rows} skipped ones' if how.skip_rows else ''}.")
     if how.header:
         first = first._replace(content=_OLD_COMMENT.sub(rb"\1", first.content))
-    if how.delimiter:
-        delimiter, *others = _delimiters(how)
-        found = _layout(_first_rows(first, delimiter, others), delimiter, how, others)
-    elif all(map(_LOGGED.match, first.content.split(b"\n", _FIRST)[:-1])):
-        found = _logged(first, how)
-    else:
-        found = _found(first, how)
+    found = _whole_or_cut(first, how)
     if how.header and any(map(found.is_number, found.names)) and all(map(found.is_no_name, found.names)):
         raise InputError(
             "numbers stand where the header should be; without a header, set header to false (--no-header)."
         )
     return found
+
+
+def _whole_or_cut(first: TextBlock, how: TextTable) -> TextLayout:
+    """Layout of the first lines, or where they end the file without the last one, which may be cut."""
+    try:
+        return _split(first, how)
+    except InputError:
+        last = first.line + first.content.count(b"\n") - 1
+        if first.ended or last == first.line:
+            raise
+        try:
+            found = _split(before(first, last), how)
+        except InputError:
+            found = None
+        if found is None or not found.cut_line(first):
+            raise
+        return found
+
+
+def _split(first: TextBlock, how: TextTable) -> TextLayout:
+    if how.delimiter:
+        delimiter, *others = _delimiters(how)
+        return _layout(_first_rows(first, delimiter, others), delimiter, how, others)
+    if all(map(_LOGGED.match, first.content.split(b"\n", _FIRST)[:-1])):
+        return _logged(first, how)
+    return _found(first, how)
 
 
 def _check(how: TextTable) -> None:
@@ -256,6 +286,7 @@ def _units(below: Sequence[Sequence[str]], layout: TextLayout) -> tuple[str, ...
     """
     either = [replace(layout, decimal=decimal) for decimal in ".,"]
     width = len(layout.names)
+    below = below[:-1] if below and len(below[-1]) < width else below  # it may be cut
     if min(width, len(below)) < 2 or any(len(cells) < width for cells in below):
         return ()
     first, rest = below[0][:width], [cells[:width] for cells in below[1:]]

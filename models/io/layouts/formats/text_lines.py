@@ -26,10 +26,12 @@ class TextBlock(NamedTuple):
     Attributes:
         line: Number of the first one, from 1.
         content: They in UTF-8, each with a line feed at its end; comments are left out.
+        ended: Whether the last line has an end in the file.
     """
 
     line: int
     content: bytes
+    ended: bool = True
 
     @property
     def quotes(self) -> bool:
@@ -82,7 +84,8 @@ class Lines:
                     yield from self._kept(block)
                     line += block.content.count(b"\n")
         if rest:
-            yield from self._kept(TextBlock(line, _line_feeds(rest).removesuffix(b"\n") + b"\n"))
+            content = _line_feeds(rest)
+            yield from self._kept(TextBlock(line, content.removesuffix(b"\n") + b"\n", content.endswith(b"\n")))
 
     def _opened(self) -> IO[bytes]:
         try:
@@ -109,14 +112,14 @@ class Lines:
     def _kept(self, block: TextBlock) -> Iterator[TextBlock]:
         """A block without comments, and without the lines that are skipped."""
         skipped = max(0, self.skip - block.line + 1)
-        line, content = block
+        line, content, ended = block
         if skipped:
             parts = content.split(b"\n", skipped)
             line, content = line + len(parts) - 1, parts[-1]
         if self._comment and self._mark in content:
             content = self._comment.sub(rb"\1", content)
         if content:
-            yield TextBlock(line, content)
+            yield TextBlock(line, content, ended)
 
 
 def from_windows(content: bytes) -> bytes:
@@ -148,20 +151,56 @@ def with_one_delimiter(content: bytes, others: Iterable[str], delimiter: str) ->
 
 
 class OpenQuote(InputError):
-    """A quoted cell does not end."""
+    """A quoted cell does not end.
+
+    Args:
+        line: Where its row begins.
+    """
+
+    def __init__(self, line: int) -> None:
+        super().__init__(f"line {line}: a quoted cell does not end.")
+        self.line = line
 
 
 def whole_rows(blocks: Iterable[TextBlock], delimiter: str) -> Iterator[TextBlock]:
     """Blocks of whole rows: where a quoted cell goes on, with the next lines."""
     held = TextBlock(0, b"")
     for block in blocks:
-        held = TextBlock(held.line, held.content + block.content) if held.content else block
+        held = block._replace(line=held.line, content=held.content + block.content) if held.content else block
         if held.content.count(b'"') % 2 and len(held.content) < _MOST_BLOCKS * BLOCK and _open(held, delimiter):
             continue
         yield held
         held = TextBlock(0, b"")
     if held.content:
         yield held
+
+
+def cut_line(block: TextBlock, delimiter: str, least: int) -> int:
+    """Line of a last row without an end that has fewer cells than others, as of a logger that was stopped; 0 without.
+
+    Args:
+        block: Whole rows.
+        delimiter: As for `rows`.
+        least: Number of cells of other rows.
+    """
+    begin = block.content.rfind(b"\n", 0, -1) + 1
+    if block.ended or not block.content[begin:].strip():
+        return 0
+    line = block.line + block.content.count(b"\n", 0, begin)
+    part = block if block.quotes else TextBlock(line, block.content[begin:])
+    try:
+        last = deque(rows(part, delimiter), 1)
+    except OpenQuote as error:
+        return line if error.line == line else 0
+    except InputError:
+        return 0
+    return last[0][0] if last and len(last[0][1]) < least else 0
+
+
+def before(block: TextBlock, line: int) -> TextBlock:
+    """The lines of a block before that one."""
+    parts = block.content.split(b"\n", line - block.line)
+    return TextBlock(block.line, block.content[: len(block.content) - len(parts[-1])])
 
 
 def _open(block: TextBlock, delimiter: str) -> bool:
@@ -196,7 +235,7 @@ def rows(block: TextBlock, delimiter: str) -> Iterator[tuple[int, list[str]]]:
             return
         except csv.Error as error:
             if "end of data" in str(error):
-                raise OpenQuote(f"line {line}: a quoted cell does not end.") from error
+                raise OpenQuote(line) from error
             raise InputError(f"line {line}: {error}.") from error
         if len(row) > 1 or (row and row[0].strip()):
             yield line, [cell.strip() for cell in row]
