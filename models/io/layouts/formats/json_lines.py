@@ -19,7 +19,7 @@ from .text_lines import BLOCK, Lines, TextBlock, from_windows
 
 _IN_MEMORY = 12  # times the size of a document that its objects take
 _DOCUMENT = ".json"
-_STRUCTURE = re.compile(rb'"(?:[^"\\]|\\.)*+"|[\[\]{},]')  # of a document, and what hides it
+_STRUCTURE = re.compile(rb'"(?:[^"\\]|\\.)*+(?:"|\\?\Z)|[\[\]{},]')  # of a document, and what hides it
 _CLOSING = bytes.maketrans(b"[{", b"]}")
 _SHOWN = 80
 

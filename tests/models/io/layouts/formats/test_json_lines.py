@@ -110,6 +110,11 @@ def test_the_begin_of_a_document_holds_the_first_of_its_rows(rows, by_row, data)
         assert last == "rate" or json.dumps(found[last]) == json.dumps(whole[last][: len(found[last])])
 
 
+@pytest.mark.parametrize("end", ["a, [b", 'a, \\"b', "a, \\", "a"])
+def test_a_text_that_breaks_off_hides_its_signs(end):
+    assert closed(f'{{"t": ["x", "{end}'.encode()) == b'{"t": ["x"]}'
+
+
 @pytest.mark.parametrize("by_row", [True, False])
 def test_only_the_begin_of_a_large_document_is_read_to_look_at_it(by_row, tmp_path, monkeypatch):
     monkeypatch.setattr(json_lines, "BLOCK", 1000)
