@@ -232,7 +232,8 @@ def _valid(labels: Sequence[str], values: Mapping[str, NDArray[Any]]) -> Iterato
     """What says which taps are valid."""
     truths = [each for each in labels if re.search(r"\bis ?valid|\bvalid", _own(each), re.IGNORECASE)]
     truths = [each for each in truths if each in values and set(np.unique(values[each]).tolist()) == {0, 1}]
-    yield from (Guess("keep", each, "truth values of taps") for each in truths[:1])
+    for each in truths[:1]:
+        yield Guess("keep", each, f"its name; it keeps {np.count_nonzero(values[each])} of {values[each].size} taps")
 
 
 def _vectors(name: str, variables: Mapping[str, Variable]) -> dict[str, int]:

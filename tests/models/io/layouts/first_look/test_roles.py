@@ -127,6 +127,7 @@ def test_fields_of_a_struct_called_trials_are_no_trials(tmp_path):
 
     assert (how.what, how.where, how.trial) == ("trials.object", "trials.pos_mm", None)
     assert (how.keep, how.rate) == ("trials.valid", 300)
+    assert "it keeps 7 of 8 taps" in text
     assert "With this map: 7 taps" in text
 
 
