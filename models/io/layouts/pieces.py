@@ -199,7 +199,7 @@ def _piece(read: FileRead, tables: LabelTables, missing: Missing) -> Piece:
         rows.which,
         rows.numbers,
         whole,
-        (*([f"{file.path}: {contents.damage}"] if contents.damage else []), *stepped.told),
+        (*([f"{file.path}: {contents.damage}"] if contents.damage else []), *contents.told, *stepped.told),
     )
 
 

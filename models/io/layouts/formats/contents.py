@@ -79,6 +79,7 @@ class Contents(ABC):
         variables: Its arrays or columns in their order; groups are joined by `/`, fields of structs by `.`.
         unreadable: Names of what cannot be read, each with the reason, for messages.
         damage: What of it is left out as it is damaged, in a sentence, empty if nothing is.
+        told: What to know of how it is read, one sentence each.
         attributes: Texts and numbers that belong to the file, such as a licence, or several of them.
         table: Whether the variables are columns of one table, with as many rows each.
         most: How many blocks of rows of a table `read` reads, each of some MiB; `None` for all.
@@ -89,6 +90,7 @@ class Contents(ABC):
     variables: Mapping[str, Variable]
     unreadable: Mapping[str, str]
     damage: str = ""
+    told: Sequence[str] = ()
     attributes: Mapping[str, str | float]
     table: bool = False
     most: int | None = None

@@ -49,6 +49,11 @@ class TextContents(Contents):
         kinds = (np.dtype(np.float64 if numeric else np.str_) for numeric in self._layout.numeric)
         units = self._layout.units or [""] * len(self._layout.names)
         columns = zip(self._layout.names, kinds, units, strict=True)
+        if self._layout.omitted:
+            last = self._layout.names[self._layout.least :]
+            several = len(last) > 1
+            what = f"columns {last[0]} to {last[-1]}, which are" if several else f"column {last[0]}, which is"
+            self.told = (f"Rows end before {what} read as missing.",)
         self.variables = {name: Variable((None,), kind, name_and_unit(name)[1] or unit) for name, kind, unit in columns}
 
     @property
@@ -123,11 +128,12 @@ def _quickly(block: TextBlock, layout: TextLayout, texts: list[int], numbers: li
 def _length(content: bytes, layout: TextLayout) -> int | None:
     """Number of rows that surely are whole; `None` where that takes a closer look."""
     signs = np.frombuffer(content, np.uint8)
-    ends, delimiters, width = signs == _END, signs == ord(layout.delimiter), len(layout.names)
+    ends, delimiters = signs == _END, signs == ord(layout.delimiter)
+    width, least = len(layout.names), layout.least
     if layout.delimiter == " ":
         blank = delimiters | (signs == _TAB) | ends
         delimiters = ~blank & np.concatenate(([True], blank[:-1]))  # where cells begin
-        width += 1
+        width, least = width + 1, least + 1
         if b'"' in content:
             return None
     elif layout.delimiter == "\t" and b" \t" in content:  # pandas would take both for blanks
@@ -144,7 +150,7 @@ def _length(content: bytes, layout: TextLayout) -> int | None:
         delimiters &= ~inside
     end = np.flatnonzero(ends)
     found = np.diff(np.searchsorted(np.flatnonzero(delimiters), end), prepend=0)
-    whole = found == width - 1
+    whole = (found >= least - 1) & (found <= width - 1)
     if layout.delimiter != " ":
         whole |= (found == width) & delimiters[end - 1]  # with one at the end of the row
     odd = np.flatnonzero(~whole)
@@ -160,8 +166,8 @@ def _exactly(block: TextBlock, layout: TextLayout, texts: list[int], numbers: li
         InputError: One has too many or too few cells, or a cell is not a number; the message names the line.
     """
     read, words = [], []
-    for line, cells in rows(block, layout.delimiter):
-        layout.check_width(line, cells)
+    for line, there in rows(block, layout.delimiter):
+        cells = layout.whole(line, there)
         words.append([cells[i] for i in texts])
         try:
             read.append([layout.number(cells[i]) for i in numbers])

@@ -1,6 +1,7 @@
 """How a table of text is split into cells, and what its columns are called, from its first rows."""
 
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -44,6 +45,7 @@ class TextLayout:
         decimal: Decimal mark.
         names: Of the columns, from the header.
         spare: Number of columns without a name after them, which are empty.
+        omitted: Number of last columns whose cells rows may omit where they are empty, as most of the first rows do.
         start: First line below the header.
         numeric: Whether the first rows of each column hold numbers.
     """
@@ -56,6 +58,12 @@ class TextLayout:
     numeric: tuple[bool, ...]
     others: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
+    omitted: int = 0
+
+    @property
+    def least(self) -> int:
+        """Number of cells of a row at least."""
+        return len(self.names) - self.omitted
 
     def number(self, cell: str) -> float:
         """Number of a cell; NaN where it is missing.
@@ -86,18 +94,19 @@ class TextLayout:
         """Whether a cell holds a number or a time of day, which are no names of columns."""
         return self.is_number(cell) or _CLOCK.fullmatch(cell) is not None
 
-    def check_width(self, line: int, cells: Sequence[str]) -> None:
-        """Checks the number of cells of a row.
+    def whole(self, line: int, cells: list[str]) -> list[str]:
+        """Cells of a row, those that it omits empty.
 
         Raises:
             InputError: There are too few or too many.
         """
         width = len(self.names)
-        if len(cells) < width or len(cells) > width + self.spare or any(cells[width:]):
+        if len(cells) < self.least or len(cells) > width + self.spare or any(cells[width:]):
             found = f"{len(cells)} cell{'s' * (len(cells) != 1)}"
             signs = [*([self.delimiter] if self.delimiter != _STAND_IN else []), *self.others]
             split = " and ".join(map(_named, signs))
             raise InputError(f"line {line}: {found}, but there are {width} columns, split at {split}.")
+        return [*cells, *[""] * (width - len(cells))]
 
     def with_one_delimiter(self, block: TextBlock) -> TextBlock:
         """Lines with the one delimiter in place of all."""
@@ -107,7 +116,7 @@ class TextLayout:
 
     def cut_line(self, block: TextBlock) -> int:
         """Line of a last row that is cut, 0 without, see `text_lines.cut_line`."""
-        return cut_line(self.with_one_delimiter(block), self.delimiter, len(self.names))
+        return cut_line(self.with_one_delimiter(block), self.delimiter, self.least)
 
 
 def without_thousands(cell: str) -> str:
@@ -209,7 +218,7 @@ def _first_rows(first: TextBlock, delimiter: str, others: Sequence[str] = ()) ->
 
 def _found(first: TextBlock, how: TextTable) -> TextLayout:
     """Layout with the one delimiter that splits all first rows alike."""
-    fits, whys, single = {}, [], True
+    fits, short, whys, single = {}, {}, [], True
     for name, delimiter in DELIMITERS.items():
         if delimiter == how.decimal:
             continue
@@ -218,17 +227,18 @@ def _found(first: TextBlock, how: TextTable) -> TextLayout:
             table = _first_rows(first, delimiter)
             layout = _layout(table, delimiter, how)
             for line, cells in table:
-                layout.check_width(line, cells)
+                layout.whole(line, cells)
         except InputError as error:
             whys.append(str(error))
         else:
             if len(table[0][1]) > 1:
-                fits[name] = layout
+                (short if layout.omitted else fits)[name] = layout
         single &= len(table) > 0 and (
             _holds_texts(table, how) if name == "blank" else all(len(cells) == 1 for _, cells in table)
         )
     if len(fits) > 1:
         fits.pop("blank", None)
+    fits = fits or short
     if len(fits) == 1:
         return fits.popitem()[1]
     if fits:
@@ -272,11 +282,24 @@ def _layout(table: Rows, delimiter: str, how: TextTable, others: Sequence[str] =
     names = tuple((header[i] if how.header else "") or str(i) for i in range(width))
     spare = 0 if delimiter == " " else max(1, len(header) - width)
     layout = TextLayout(delimiter, how.decimal, names, spare, below[0][0], (), tuple(others))
+    layout = replace(layout, omitted=_omitted([cells for _, cells in below], layout))
+    below = [(line, [*cells, *[""] * (width - max(len(cells), layout.least))]) for line, cells in below]
     if how.header and (units := _units([cells for _, cells in below], layout)):
         below = below[1:]
         layout = replace(layout, start=below[0][0], units=units)
     numeric = (all(layout.is_number(cell) for _, cells in below for cell in cells[i : i + 1]) for i in range(width))
     return replace(layout, numeric=tuple(numeric))
+
+
+def _omitted(below: Sequence[Sequence[str]], layout: TextLayout) -> int:
+    """Number of last columns whose cells most rows omit, as LabVIEW does with those of comments.
+
+    It is none where a row of numbers is not the first: names of columns may be longer lines before the table.
+    """
+    least, rows = Counter(map(len, below)).most_common(1)[0]
+    numbers = any(cell and layout.is_number(cell) for cell in below[0])
+    sure = numbers and layout.delimiter != " " and 2 * rows > len(below)
+    return max(0, len(layout.names) - least) if sure and least > 1 else 0
 
 
 def _units(below: Sequence[Sequence[str]], layout: TextLayout) -> tuple[str, ...]:

@@ -76,3 +76,46 @@ def test_recordings_are_read_without_a_line_that_is_cut_but_not_tables_of_labels
     assert f"{tmp_path / '1.csv'}: line 4 left out: the file ends within it." in found.told
     with pytest.raises(InputError, match=r"line 4: 1 cell, but there are 2 columns"):
         load_mapped(tmp_path, how.changed(what="labels.csv:object"))
+
+
+LVM = "X_Value\tVoltage\tVoltage 1\tComment\n"
+
+
+@pytest.mark.parametrize("how", [{}, {"delimiter": "tab"}])
+@pytest.mark.parametrize("comments", [{}, {0: "\tstart"}, {0: "\t"}, {5: "\tit's", 70: '\t"a\nb"'}])
+def test_rows_may_omit_empty_cells_at_their_end(tmp_path, how, comments):
+    """As LabVIEW does below a header with a column of comments."""
+    rows = [f"0.{n:03}\t{n}.5\t{n}.25{comments.get(n, '')}" for n in range(99)]
+    contents = opened(tmp_path, LVM + "\n".join(rows) + "\n", **how)
+    texts, read = contents.read(["Comment"], ["X_Value", "Voltage 1"])
+
+    assert read.tolist() == [[n / 1000, n + 0.25] for n in range(99)]
+    wanted = [comments.get(n, "").strip().strip('"') for n in range(99)]
+    assert texts["Comment"].tolist() == wanted
+    assert contents.told == ("Rows end before column Comment, which is read as missing.",)
+    assert np.isnan(opened(tmp_path, LVM + "1\t2\t3\n2\t3\t4\n").read([], ["Comment"])[1]).all()
+    if 0 in comments:
+        bare = opened(tmp_path, "\n".join(rows), header=False, **how)
+        assert bare.read([], "02")[1].tolist() == read.tolist()
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        LVM + "1\t2\t3\n" * 40 + "4\t5\n",  # fewer cells than the other rows
+        LVM + "1\t2\t3\n4\t5\n" + "1\t2\t3\n" * 3,
+        LVM + "1\t2\t3\tx\n" * 3 + "4\t5\t6\n",  # most rows have all
+        "force (N) time (s)\n1 2\n3 4\n",  # blanks within names
+        "made\tby\tus\nt\tf\n1\t2\n3\t4\n",  # a line before the header
+    ],
+)
+def test_rows_that_may_be_cut_are_refused(tmp_path, content):
+    with pytest.raises(InputError, match=r"line \d+: \d cells, but there are"):
+        contents = opened(tmp_path, content)
+        contents.read([], list(contents.variables)[:2])
+
+
+def test_a_line_that_is_cut_has_fewer_cells_than_other_rows(tmp_path):
+    contents = opened(tmp_path, LVM + "1\t2\t3\n" * 40 + "4\t5")
+    assert contents.read([], ["X_Value"])[1].tolist() == [[1]] * 40
+    assert contents.damage.startswith("line 42 ")
