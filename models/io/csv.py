@@ -16,7 +16,6 @@ column                 meaning
 The first and ``what`` are required. Every further column is kept, as numbers if all of its cells are.
 """
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -65,7 +64,7 @@ def _read_rows(path: Path, missing: Missing) -> CsvRows:
     contents = open_contents(path, TextTable(delimiter=","), "text")
     with naming(path):
         header = contents.columns
-        _check_header(header)
+        _check_header(header, contents.repeated)
         taxels = tuple(name for name in header if name.startswith("taxel"))
         known = [name for name in NUMBERS if name in header]
         values, table = contents.read([name for name in header if name not in (*taxels, *known)], [*taxels, *known])
@@ -84,10 +83,9 @@ def _read_rows(path: Path, missing: Missing) -> CsvRows:
         return CsvRows(contents, samples, taxels, columns | _whole(contents, columns))
 
 
-def _check_header(header: Sequence[str]) -> None:
-    twice = [name for name, number in Counter(header).items() if number > 1]
-    if twice:
-        raise InputError(f"line 1: column {twice[0]!r} is repeated.")
+def _check_header(header: Sequence[str], repeated: Sequence[str]) -> None:
+    if repeated:
+        raise InputError(f"line 1: column {repeated[0]!r} is repeated.")
     if "what" not in header:
         raise InputError(
             f"line 1: missing column what; columns, split at commas: {', '.join(header)[:200]}. Of another layout, "

@@ -98,8 +98,13 @@ class Contents(ABC):
 
     @property
     def columns(self) -> Sequence[str]:
-        """Names of the columns by number; those that are repeated as well."""
+        """Names of the columns by number."""
         return list(self.variables)
+
+    @property
+    def repeated(self) -> Sequence[str]:
+        """Names that several columns have, which are told apart by numbers."""
+        return ()
 
     @abstractmethod
     def read(self, names: Sequence[str], columns: Sequence[str] = ()) -> tuple[dict[str, Values], NDArray[Any] | None]:

@@ -50,16 +50,26 @@ class TextContents(Contents):
         units = self._layout.units or [""] * len(self._layout.names)
         columns = zip(self._layout.names, kinds, units, strict=True)
         if self._layout.omitted:
-            last = self._layout.names[self._layout.least :]
-            several = len(last) > 1
-            what = f"columns {last[0]} to {last[-1]}, which are" if several else f"column {last[0]}, which is"
+            last = list(self._layout.names[self._layout.least :])
+            what = f"column {last[0]}, which is" if len(last) == 1 else f"columns {', '.join(last)}, which are"
             self.told = (f"Rows end before {what} read as missing.",)
         self.variables = {name: Variable((None,), kind, name_and_unit(name)[1] or unit) for name, kind, unit in columns}
 
     @property
     @override
-    def columns(self) -> Sequence[str]:
-        return self._layout.names
+    def repeated(self) -> Sequence[str]:
+        pairs = zip(self._layout.called, self._layout.names, strict=False)
+        return list(dict.fromkeys(called for called, name in pairs if called != name))
+
+    @override
+    def named(self, name: str) -> str:
+        if name not in self.variables:
+            pairs = [*zip(self._layout.called, self._layout.names, strict=False)]
+            pairs = [(called, full) for called, full in pairs if called != full]
+            several = [full for called, full in pairs if name in (called, name_and_unit(called)[0])]
+            if several:
+                raise InputError(f"column {name} is repeated; say which: {', '.join(several[:_SHOWN])}.")
+        return super().named(name)
 
     @override
     def read(self, names: Sequence[str], columns: Sequence[str] = ()) -> tuple[dict[str, Values], NDArray[Any] | None]:
@@ -94,11 +104,7 @@ class TextContents(Contents):
 
     def _places(self, names: Iterable[str]) -> list[int]:
         """Numbers of columns."""
-        header, full = self._layout.names, [self.named(name) for name in names]
-        for name in full:
-            if header.count(name) > 1:
-                raise InputError(f"column {name} is repeated.")
-        return [header.index(name) for name in full]
+        return [self._layout.names.index(self.named(name)) for name in names]
 
 
 def _quickly(block: TextBlock, layout: TextLayout, texts: list[int], numbers: list[int]) -> Part | None:

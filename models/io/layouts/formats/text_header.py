@@ -4,12 +4,12 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from itertools import islice
+from itertools import count, islice
 
 import numpy as np
 
 from ....errors import InputError
-from .contents import TextTable
+from .contents import TextTable, name_and_unit
 from .text_lines import DELIMITERS, Lines, OpenQuote, TextBlock, before, cut_line, rows, with_one_delimiter
 
 _FIRST = 30  # rows that are looked at
@@ -43,7 +43,7 @@ class TextLayout:
         others: Further delimiters, which are read as if they were this one.
         units: Of the columns, from a row below the header; empty without such a row.
         decimal: Decimal mark.
-        names: Of the columns, from the header.
+        names: Of the columns, from the header; those of one name are told apart by numbers.
         spare: Number of columns without a name after them, which are empty.
         omitted: Number of last columns whose cells rows may omit where they are empty, as most of the first rows do.
         start: First line below the header.
@@ -59,6 +59,7 @@ class TextLayout:
     others: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
     omitted: int = 0
+    called: tuple[str, ...] = ()
 
     @property
     def least(self) -> int:
@@ -279,9 +280,10 @@ def _layout(table: Rows, delimiter: str, how: TextTable, others: Sequence[str] =
             width -= 1
     elif width > 1 and all(len(cells) == width and not cells[-1] for _, cells in below):
         width -= 1
-    names = tuple((header[i] if how.header else "") or str(i) for i in range(width))
+    called = tuple((header[i] if how.header else "") or str(i) for i in range(width))
+    names = told_apart(called)
     spare = 0 if delimiter == " " else max(1, len(header) - width)
-    layout = TextLayout(delimiter, how.decimal, names, spare, below[0][0], (), tuple(others))
+    layout = TextLayout(delimiter, how.decimal, names, spare, below[0][0], (), tuple(others), called=called)
     layout = replace(layout, omitted=_omitted([cells for _, cells in below], layout))
     below = [(line, [*cells, *[""] * (width - max(len(cells), layout.least))]) for line, cells in below]
     if how.header and (units := _units([cells for _, cells in below], layout)):
@@ -291,6 +293,24 @@ def _layout(table: Rows, delimiter: str, how: TextTable, others: Sequence[str] =
     return replace(layout, numeric=tuple(numeric))
 
 
+def told_apart(names: Sequence[str]) -> tuple[str, ...]:
+    """Names of columns, numbered from 0 where several have one name, before their unit.
+
+    >>> told_apart(["t", "Force [N]", "Force [N]", "a", "a", "a.1"])
+    ('t', 'Force.0 [N]', 'Force.1 [N]', 'a.0', 'a.2', 'a.1')
+    """
+    known, found = set(names), list[str]()
+    for name in names:
+        if names.count(name) > 1:
+            bare = name_and_unit(name)[0]
+            numbered = (f"{bare}.{n}{name[len(bare) :]}" for n in count())
+            found.append(next(each for each in numbered if each not in known))
+            known.add(found[-1])
+        else:
+            found.append(name)
+    return tuple(found)
+
+
 def _omitted(below: Sequence[Sequence[str]], layout: TextLayout) -> int:
     """Number of last columns whose cells most rows omit, as LabVIEW does with those of comments.
 
@@ -298,7 +318,7 @@ def _omitted(below: Sequence[Sequence[str]], layout: TextLayout) -> int:
     """
     least, rows = Counter(map(len, below)).most_common(1)[0]
     numbers = any(cell and layout.is_number(cell) for cell in below[0])
-    sure = numbers and layout.delimiter != " " and 2 * rows > len(below)
+    sure = numbers and layout.delimiter != " " and 2 * rows > len(below) > 1
     return max(0, len(layout.names) - least) if sure and least > 1 else 0
 
 

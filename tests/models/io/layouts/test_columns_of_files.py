@@ -50,7 +50,8 @@ def refused(folder, *tables, **how):
 
 def test_a_repeated_name_counts_as_a_column(tmp_path):
     assert loaded(tmp_path, "x,x,a,b\n1,2,3,4\n", taxels="2:4").taps[0].tolist() == [[3, 4]]
-    assert "column x is repeated" in refused(tmp_path, "x,x,a,b\n1,2,3,4\n", taxels="0:2")
+    assert loaded(tmp_path, "x,x,a,b\n1,2,3,4\n", taxels="0:2").taps[0].tolist() == [[1, 2]]
+    assert "column x is repeated; say which: x.0, x.1" in refused(tmp_path, "x,x,a,b\n1,2,3,4\n", taxels="x")
 
 
 def test_units_that_differ_are_refused(tmp_path):

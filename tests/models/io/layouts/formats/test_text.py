@@ -2,6 +2,7 @@
 
 import csv
 import io
+import re
 import tracemalloc
 from pathlib import Path
 
@@ -13,6 +14,8 @@ from solidtouch.models import storage
 from solidtouch.models.errors import InputError
 from solidtouch.models.io.layouts.formats.contents import TextTable
 from solidtouch.models.io.layouts.formats.text import TextContents, open_text
+from solidtouch.models.io.layouts.mapping import TapMap
+from solidtouch.models.io.layouts.tap_set import load_mapped
 
 SIGNS = {",": ",", ";": ";", "tab": "\t", "|": "|", "blank": " "}
 NUMBERS = st.floats() | st.integers(-(2**60), 2**60).map(float)
@@ -148,12 +151,25 @@ def test_columns_without_a_name_have_their_number(tmp_path):
     assert list(opened(tmp_path, "0,5\n", header=False).variables) == ["0", "1"]
 
 
-def test_a_repeated_name_is_refused_only_when_it_is_asked_for(tmp_path):
-    contents = opened(tmp_path, "a,a,b\n1,2,3\n")
+def test_columns_of_one_name_are_told_apart_by_numbers(tmp_path):
+    """The name alone stands for none of them."""
+    contents = opened(tmp_path, "a,a [N],b,a [N],a,a.1\n1,2,3,4,5,6\n")
 
-    assert contents.read([], ["b"])[1].tolist() == [[3]]
-    with pytest.raises(InputError, match="column a is repeated"):
-        contents.read([], ["a"])
+    assert list(contents.variables) == ["a.0", "a.0 [N]", "b", "a.1 [N]", "a.2", "a.1"]
+    assert contents.read([], ["b", "a.2", "a.1", "a.1 [N]"])[1].tolist() == [[3, 5, 6, 4]]
+    for name in ("a", "a [N]"):
+        with pytest.raises(InputError, match=rf"column {re.escape(name)} is repeated; say which: a\.0"):
+            contents.read([], [name])
+
+
+def test_columns_of_one_name_are_taken_by_patterns_and_by_numbers(tmp_path):
+    """Whether or not all lines end in a delimiter."""
+    for end in ("", ","):
+        for n in range(2):
+            (tmp_path / f"{n}.csv").write_text(f"Time,Force,Force,x{end}\n0,1,2,7{end}\n1,3,{n},7{end}\n")
+        for taxels in ("Force*", "1:3", ("Force.0", "Force.1")):
+            how = TapMap(taxels=taxels, tap="file", time="Time")
+            assert load_mapped(tmp_path, how).taps.taps.tolist() == [[[1, 2], [3, 0]], [[1, 2], [3, 1]]]
 
 
 def test_rows_have_places(tmp_path):
