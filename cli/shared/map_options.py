@@ -71,7 +71,9 @@ MAP_OPTIONS: dict[str, Any] = {
         "Columns that are taxels: names, patterns such as 'Signal*' or a slice such as 3:15; repeatable.",
         "COLUMNS",
     ),
-    "taxel": _option(_Text, _SAMPLES, "Column that says which taxel a row is of, in a long table.", "COLUMN"),
+    "taxel": _option(
+        list[str] | None, _SAMPLES, "Column that says which taxel a row is of, in a long table; repeatable.", "COLUMN"
+    ),
     "taps": _option(list[str] | None, _SAMPLES, "Array that holds the samples; several are side by side.", "ARRAY"),
     "axes": _option(_Text, _SAMPLES, "Its axes, such as what,trial,sample,taxel.", "AXES"),
     "tap": _option(

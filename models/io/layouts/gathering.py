@@ -80,11 +80,14 @@ def with_ordered_labels(found: Sequence[Piece], of_taps: bool = False) -> list[P
     Raises:
         InputError: A table has another number of rows.
     """
-    labels, sharing = [dict(piece.labels) for piece in found], dict[tuple[str, str, tuple[int, ...]], list[int]]()
+    labels, sharing = (
+        [dict(piece.labels) for piece in found],
+        dict[tuple[str, tuple[str, str], tuple[int, ...]], list[int]](),
+    )
     for number, piece in enumerate(found):
         for key, of in piece.labels.items():
             if isinstance(of, ByOrder):
-                sharing.setdefault((key, of.table, of.rows), []).append(number)
+                sharing.setdefault((key, of.place, of.rows), []).append(number)
     for (key, *_), numbers in sharing.items():
         with naming(option(key)):
             parts = _parts(labels[numbers[0]][key], [found[number] for number in numbers], of_taps)

@@ -116,15 +116,15 @@ class LabelTables:
         values = column.values[among]
         if len(values) == 1 and by:
             return str(values[0])
-        these = tuple(among.tolist())
+        these, place = tuple(among.tolist()), (str(column.path), column.name)
         counts = [] if source.by else self._contrary(source, column, among, both, found)
         alone = list(about.rows.values()).count(about.rows[file.path]) == 1 if by else len(self.files) == 1
         if len(values) == rows and alone and not counts:
             return values
         if source.by or source.name == self.events:
-            return ByOrder(values, name, these)
+            return ByOrder(values, name, place, these)
         hint = _hint(source, column.name, about, counts)
-        return ByOrder(values, name, these, hint, "rows" if counts else "files" if about.doubt else "")
+        return ByOrder(values, name, place, these, hint, "rows" if counts else "files" if about.doubt else "")
 
     def _contrary(
         self,

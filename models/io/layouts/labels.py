@@ -15,7 +15,8 @@ class ByOrder(NamedTuple):
 
     Attributes:
         values: The values.
-        table: The table or array.
+        table: The table or array, for messages.
+        place: The file and array or column, which tells tables of one name apart.
         rows: Which of its rows they are, the same for all files that share them.
         hint: What is said where there are more or fewer values than taps.
         doubt: `"rows"` if the table should be read in another way, `"files"` if it should where each file is a tap.
@@ -23,6 +24,7 @@ class ByOrder(NamedTuple):
 
     values: NDArray[Any]
     table: str
+    place: tuple[str, str]
     rows: tuple[int, ...] = ()
     hint: str = ""
     doubt: Literal["", "files", "rows"] = ""

@@ -61,7 +61,7 @@ class TapMap(Checked, frozen=True, kw_only=True):
         comment: What begins a comment.
         header: Whether there is a header.
         taxels: Columns that are taxels, or a slice of the taxels of `taps`.
-        taxel: Column that says which taxel a row is of, where each sample of each taxel has one.
+        taxel: Column that says which taxel a row is of, where each sample of each taxel has one, or several that do.
         taps: Array of the samples.
         axes: Its axes, separated by commas.
         tap: Column that numbers the taps, or several, `"file"` or `"row"`; `"restart:COLUMN"` or `"ends:ARRAY"`.
@@ -114,7 +114,7 @@ class TapMap(Checked, frozen=True, kw_only=True):
     comment: str = ""
     header: bool = True
     taxels: Names | None = None
-    taxel: str | None = None
+    taxel: Names | None = None
     taps: Names | None = None
     axes: str | None = None
     tap: Names | None = None
@@ -158,7 +158,7 @@ class TapMap(Checked, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         """Checks every value; a list of one source, array or delimiter is that one, one further array a list."""
         super().__post_init__()
-        for key in ("where", "tap", "taps", "delimiter"):
+        for key in ("where", "tap", "taps", "taxel", "delimiter"):
             if isinstance(several := getattr(self, key), tuple) and len(several) == 1:
                 force_setattr(self, key, several[0])
         if isinstance(self.where, tuple) and not 0 < len(self.where) <= len(PLANE):
@@ -171,6 +171,11 @@ class TapMap(Checked, frozen=True, kw_only=True):
         for key in ("scale", "where_scale"):
             if not getattr(self, key):
                 raise SettingError(key, "must not be 0.")
+
+    @property
+    def taxel_columns(self) -> tuple[str, ...]:
+        """Columns that say which taxel a row is of."""
+        return (self.taxel,) if isinstance(self.taxel, str) else self.taxel or ()
 
     @property
     def text_table(self) -> TextTable:

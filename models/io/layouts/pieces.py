@@ -1,6 +1,6 @@
 """Pieces of a recording: the taps or frames of one file or array, with their labels as they stand there."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -149,6 +149,10 @@ class _Rows:
     numbers: tuple[NDArray[Any], ...]
     time_unit: str
 
+    def places(self, read: FileRead) -> Callable[[int], str]:
+        """Where each of the rows stands."""
+        return lambda row: read.place(int(self.which[row]))
+
     def select(self, rows: NDArray[Any], signal: Signal) -> "_Rows":
         """Some rows alone, with their samples."""
 
@@ -178,7 +182,7 @@ def _piece(read: FileRead, tables: LabelTables, missing: Missing) -> Piece:
         starts = None if starts is None else among_kept(starts, rows.which, whole)
     rows = replace(rows, signal=_checked(read, rows, missing))
     _check_rows(read, rows, starts)
-    found = None if rows.time_s is None else pace_of(rows.time_s, rows.signal, starts)
+    found = None if rows.time_s is None else pace_of(rows.time_s, rows.signal, starts, rows.places(read))
     if starts is not None:
         rows = rows.select(starts, Signal(split_frames(np.asanyarray(rows.signal.samples), starts)))
     listed = {key: read.listed(name) for key, name in tables_of(how).items()}
@@ -256,9 +260,7 @@ def _check_rows(read: FileRead, rows: _Rows, starts: NDArray[np.intp] | None) ->
             )
         return
 
-    def place(row: int) -> str:
-        return read.place(int(rows.which[row]))
-
+    place = rows.places(read)
     if starts is not None and rows.numbers:
         check_numbers(how, rows.numbers, starts, rows.labels, place)
     check_labels(how, rows.labels, len(rows.which), starts, place)

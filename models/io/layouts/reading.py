@@ -13,6 +13,7 @@ from .columns import FirstColumns, agreeing, column_grid, taxel_columns, taxel_s
 from .files import SourceFile
 from .formats.contents import Contents, Several, Values, with_clocks
 from .label_tables import LabelTables
+from .label_values import as_texts
 from .labels import ByOrder, Label, LabelSource, label_source
 from .long_table import widened
 from .mapping import EXTRA, LABELS, PLANE, TapMap, option
@@ -114,7 +115,7 @@ def _in_file(name: str, read: "FileRead", key: str) -> Label:
     if found.ndim > 1:
         raise InputError(f"{name} has shape {found.shape}, expected one value for each tap.")
     if len(found) == read.arrays > 1 and (read.how.tap == "file" or len(found) != len(read.signal.samples)):
-        return ByOrder(found, f"{read.file.path}: {name}")
+        return ByOrder(found, f"{read.file.path}: {name}", (str(read.file.path), name))
     return found if found.size != 1 else found.reshape(-1)[0].item()
 
 
@@ -203,7 +204,7 @@ class FileRead:
         """Variables that have a value for each row, so far as they are no list or clock."""
         how = self.how
         ends = tap_columns(how) if isinstance(how.tap, str) and how.tap.startswith("ends:") else ()
-        others = filter(None, (how.time, how.taxel, *ends, *tables_of(how).values()))
+        others = filter(None, (how.time, *how.taxel_columns, *ends, *tables_of(how).values()))
         full = [name_of(name, self.file, self.contents) for name in others]
         apart = {*self.names, *(self.contents.named(name) for name in full if name not in self.contents.attributes)}
         return [name for name in self.values if name not in apart and self.contents.clock(name) != name]
@@ -239,7 +240,7 @@ def of_columns(file: SourceFile, contents: Contents, how: TapMap, tables: LabelT
     labels = needed(list(sources.values()), file, contents, tables)
     further = _further(how, sources, file, contents, tables)
     own = [of for key, of in sources.items() if not key.startswith(EXTRA)]
-    also = (*tap_columns(how), *filter(None, (how.time, how.taxel)))
+    also = (*tap_columns(how), *filter(None, (how.time, *how.taxel_columns)))
     also = [contents.named(name_of(name, file, contents)) for name in also]
     others = {*needed(own, file, contents, tables), *also}
     grid = column_grid(how, contents, others)
@@ -269,12 +270,13 @@ def of_columns(file: SourceFile, contents: Contents, how: TapMap, tables: LabelT
 def _of_long_table(read: FileRead, first: FirstColumns) -> FileRead:
     """Samples of a table with a row for each of a taxel."""
     how, frames = read.how, np.asarray(read.signal.samples)
-    key, column = option("taxel"), read.contents.named(name_of(how.taxel or "", read.file, read.contents))
+    key = option("taxel")
     if len(read.names) != 1 or how.axes is not None:
         what = "no axes (--axes)" if how.axes is not None else f"one column in taxels (--taxels), not {len(read.names)}"
         raise InputError(f"{key}: a table with a row for each sample of each taxel has {what}.")
     columns = {name: of for name, of in read.values.items() if isinstance(of, np.ndarray) and len(of) == len(frames)}
-    taxel = columns.pop(column)
+    told = [columns.pop(read.contents.named(name_of(name, read.file, read.contents))) for name in how.taxel_columns]
+    taxel = told[0] if len(told) == 1 else np.array(list(map(" ".join, zip(*map(as_texts, told), strict=True))))
     names, at = widened(taxel, columns, read.contents.place, key)
     first |= {} if first else dict.fromkeys(names, "")
     if set(first) != set(names):
@@ -306,11 +308,11 @@ def _further(
     found = needed(list(sources.values()), file, contents, tables)
     named = {
         "time": how.time,
-        "taxel": how.taxel,
         "keep": condition(how.keep)[0],
         "signal": condition(how.signal)[0],
     } | tables_of(how)
-    for key, name in [*named.items(), *(("tap", name) for name in tap_columns(how))]:
+    several = [*(("tap", name) for name in tap_columns(how)), *(("taxel", name) for name in how.taxel_columns)]
+    for key, name in [*named.items(), *several]:
         if name:
             with naming(option(key)):
                 full = name_of(name, file, contents)

@@ -91,7 +91,7 @@ class StreamLabels:
         """A label of the taps of a stream."""
         label, path = self.pieces[number].labels[key], self.pieces[number].file.path
         if isinstance(label, ByOrder):
-            values, of = label.values, (label.table, label.rows)
+            values, of = label.values, (label.place, label.rows)
             sharing = [n for n, each in enumerate(self.pieces) if _rows_of(each.labels.get(key)) == of]
             name, hint = label.table, f"; {label.hint}" if label.hint else ""
         elif not isinstance(label, np.ndarray):
@@ -111,7 +111,7 @@ class StreamLabels:
 
 
 def _rows_of(label: Any) -> Any:
-    return (label.table, label.rows) if isinstance(label, ByOrder) else None
+    return (label.place, label.rows) if isinstance(label, ByOrder) else None
 
 
 def _is_of_taps(label: Label, frames: int) -> bool:

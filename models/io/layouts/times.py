@@ -2,6 +2,7 @@
 
 import re
 import warnings
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -169,16 +170,22 @@ def _time(text: str) -> np.datetime64:
     return time - east if found["zone"] == "+" else time + east
 
 
-def pace_of(time_s: NDArray[np.float64], signal: Signal, starts: NDArray[np.intp] | None) -> Pace | None:
+def pace_of(
+    time_s: NDArray[np.float64],
+    signal: Signal,
+    starts: NDArray[np.intp] | None,
+    place: Callable[[int], str] | None = None,
+) -> Pace | None:
     """Pace of samples; `None` where times are those of taps, or of one sample each.
 
     Args:
         time_s: Times of rows or taps, or of the samples of each tap, in seconds.
         signal: The samples.
         starts: First row of each tap among rows.
+        place: Where a row stands, for messages.
 
     Raises:
-        InputError: Times do not increase.
+        InputError: Times do not increase, or fall within a tap.
     """
     if signal.cut and time_s.shape[-1:] != (np.asarray(signal.samples[0]).shape[0],):
         return None
@@ -187,6 +194,13 @@ def pace_of(time_s: NDArray[np.float64], signal: Signal, starts: NDArray[np.intp
     if starts is not None:
         begins[starts] = True
     begins, time_s = begins.reshape(-1), time_s.reshape(-1)
+    falls = np.flatnonzero((np.diff(time_s) < 0) & ~begins[1:])
+    if len(falls) and starts is not None and place is not None:
+        row = int(falls[0]) + 1
+        raise InputError(
+            f"{place(row)}: time (--time) falls within a tap, from {time_s[row - 1]:.6g} to {time_s[row]:.6g} s; if "
+            "another tap or taxel begins there, tap (--tap) or taxel (--taxel) must name the column that tells as well."
+        )
     found = pace(time_s, begins)
     if found is None and (~np.isnan(np.diff(time_s)) & ~begins[1:]).any():
         raise InputError("time (--time) does not increase.")

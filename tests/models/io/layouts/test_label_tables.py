@@ -68,6 +68,21 @@ def test_a_table_in_each_folder(tmp_path):
     assert found(tmp_path, "thing\nwrong\n") == {0: "cup", 1: "rod", 2: "ball"}
 
 
+@pytest.mark.parametrize("cut", [False, True])
+def test_tables_of_one_name_in_several_folders_are_those_of_their_files(tmp_path, cut):
+    """Though they have as many rows; also of the presses of streams."""
+    for folder, things in (("x", "cup rod"), ("y", "pot can")):
+        (tmp_path / folder).mkdir()
+        rows = "".join(f"{n // 4},{n % 4},{n}\n" for n in range(8))
+        (tmp_path / folder / "a.csv").write_text(f"tap,f,n\n{rows}")
+        (tmp_path / folder / "labels.csv").write_text(f"at,thing\n0,{things.split()[0]}\n4,{things.split()[1]}\n")
+    how = TapMap(files="*/a.csv", taxels="n", tap="tap", what="labels.csv:thing")
+    if cut:
+        how = how.changed(tap=None, trigger="events", events="labels.csv:at", window=4)
+    taps = load_mapped(tmp_path, how).taps
+    assert [taps.what_name[m] for m in taps.what] == ["cup", "rod", "pot", "can"]
+
+
 def test_taps_that_are_not_kept_have_their_rows_in_the_table(tmp_path):
     for number in (0, 1):
         np.savez(tmp_path / f"{number}.npz", x=np.arange(3.0).reshape(3, 1, 1) + 3 * number, ok=[1, number, 1])

@@ -50,3 +50,19 @@ def test_files_have_the_same_taxels(tmp_path):
 
     with pytest.raises(InputError, match=r"1\.csv: taxel \(--taxel\): taxels are 2, 3, of the first file 1, 2"):
         load_mapped(tmp_path, HOW)
+
+
+def test_several_columns_may_tell_the_taxel(tmp_path):
+    """Where one alone would put the fingers one after the other in time."""
+    rows = [(tap, finger, pad, t) for tap in (0, 1) for finger in ("thumb", "index") for pad in (1, 2) for t in (0, 1)]
+    lines = "".join(f"{tap},{finger},{pad},{t},{n}\n" for n, (tap, finger, pad, t) in enumerate(rows))
+    (tmp_path / "a.csv").write_text(f"tap,finger,pad,t,v\n{lines}")
+    how = TapMap(taxels="v", taxel=("finger", "pad"), tap="tap", time="t")
+
+    taps = load_mapped(tmp_path / "a.csv", how).taps
+
+    assert taps.taps.tolist() == [[[4, 6, 0, 2], [5, 7, 1, 3]], [[12, 14, 8, 10], [13, 15, 9, 11]]]
+    with pytest.raises(
+        InputError, match=r"line 6: time .* falls within a tap, from 1 to 0 s; .* taxel \(--taxel\) must"
+    ):
+        load_mapped(tmp_path / "a.csv", how.changed(taxel="pad"))
