@@ -15,6 +15,7 @@ _LOST = 0.7  # of a period by which all later times shift if a sample is lost
 _MANY = 0.12  # share of long steps from which a coarse clock makes them, rather than lost samples
 _LONG = 1.5  # median steps from which a step may be over lost samples
 _EVEN = 0.2  # standard deviation of even steps at most, in proportion
+_UNEVEN = 0.66  # of a period between 5% and 95% of steps, as of a standard deviation of `_EVEN`
 _ON_GRID = 0.01  # of the unit of a clock by which its times may miss the multiples of it
 _TRIES = 3  # as lost samples shorten the period, and a shorter one finds more
 _CLOCKS = 2e-4  # by which two good clocks may differ in proportion
@@ -32,6 +33,8 @@ class Pace(NamedTuple):
         samples: Number of times.
         stretches: Number of stretches.
         starts: Their first times, each once: stretches that all begin at 0 are rounded alike.
+        uneven: Steps between samples in seconds where they vary widely: 5% are shorter than the first, 5% longer than
+            the second; `None` where they do not, or a coarse clock makes them.
     """
 
     period_s: float
@@ -40,6 +43,7 @@ class Pace(NamedTuple):
     samples: int
     stretches: int
     starts: frozenset[float]
+    uneven: tuple[float, float] | None = None
 
     def error(self, noise_s: float) -> float:
         """Standard error of the period in proportion, if differences from the line last as long as a stretch.
@@ -85,7 +89,8 @@ def pace(time: ArrayLike, broken: ArrayLike) -> Pace | None:
         if better == period:
             break
         period = better
-    return _line(time, number + np.cumsum(lost), begins)
+    found = _line(time, number + np.cumsum(lost), begins)
+    return found if found is None or unit else found._replace(uneven=_uneven(steps / samples, period))
 
 
 def common_rate(paces: Sequence[Pace]) -> tuple[float, NDArray[np.float64]]:
@@ -104,6 +109,12 @@ def common_rate(paces: Sequence[Pace]) -> tuple[float, NDArray[np.float64]]:
     whole = Pace(period, spread, misfit, samples, stretches, frozenset[float]().union(*(each.starts for each in paces)))
     near = max(_CLOCKS, min(_MOST, _ERRORS * whole.error(noise)))
     return _rounded(1 / period, near), np.array([_ERRORS * each.error(noise) for each in paces])
+
+
+def _uneven(steps: NDArray[np.float64], period: float) -> tuple[float, float] | None:
+    """Nearly the shortest and longest step, if these differ widely."""
+    short, long = np.quantile(steps, (0.05, 0.95)).tolist()
+    return (short, long) if long - short > _UNEVEN * period else None
 
 
 def _rounded(rate: float, part: float) -> float:

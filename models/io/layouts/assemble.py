@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ...cutting.ragged import EvenTaps, even_taps
 from ...cutting.sampling_rate import common_rate
-from ...errors import InputError
+from ...errors import InputError, counted
 from ...settings import Missing
 from ..recording import Recording, changed, concatenated, naming
 from .files import SourceFile, source_files, unmatched
@@ -150,11 +150,25 @@ def _taxels(piece: Piece) -> int:
 
 
 def _told_of_times(found: Sequence[Piece], how: TapMap, rate: float | None) -> list[str]:
-    """What to check of times whose unit the map does not say, one sentence each."""
+    """What to check of times that are uneven, or whose unit the map does not say, one sentence each."""
     timed = next((piece for piece in found if piece.time_s is not None), None)
+    told = [] if how.rate is not None or rate is None else _told_of_steps(found, rate)
     if timed is None or timed.time_s is None or how.time_unit is not None:
+        return told
+    return [*told, *told_of_times(timed.time_s, timed.time_unit, rate if how.rate is None else None)]
+
+
+def _told_of_steps(found: Sequence[Piece], rate: float) -> list[str]:
+    """That times are uneven, in a sentence, if they are."""
+    uneven = {piece.file.path: piece.pace.uneven for piece in found if piece.pace is not None and piece.pace.uneven}
+    if not uneven:
         return []
-    return told_of_times(timed.time_s, timed.time_unit, rate if how.rate is None else None)
+    path, *others = uneven
+    (short, long), more = uneven[path], f" and {counted(len(others), 'more file')}" if others else ""
+    return [
+        f"{path}{more}: steps of {option('time')} are {1e3 * short:.3g} to {1e3 * long:.3g} ms, but samples are taken "
+        f"as even, at {rate:g} Hz, also by {option('resample')}; interpolate uneven ones in the files before."
+    ]
 
 
 def _common_rate(found: Sequence[Piece]) -> float | None:

@@ -41,7 +41,7 @@ def condition(text: str | None) -> tuple[str, str, str]:
 
 
 def holds(how: TapMap, key: str, column: NDArray[Any], rows: int) -> NDArray[np.bool_]:
-    """Where the condition of a map holds, shape (rows,).
+    """Where the condition of a map holds, shape (rows,); it never does of a missing number.
 
     Args:
         how: The map.
@@ -59,15 +59,16 @@ def holds(how: TapMap, key: str, column: NDArray[Any], rows: int) -> NDArray[np.
     if not comparison:
         truths = _truths(key, name, column)
         return (truths != 0) & ~np.isnan(truths)
+    number = as_known(wanted)
+    if column.dtype.kind == "U" and isinstance(number, float):
+        column = as_known(np.where(is_missing(column), "nan", column))
     if column.dtype.kind == "U":
         if comparison not in _EQUAL:
             raise InputError(f"{option(key)}: {name} holds texts such as {str(column[0])!r}, which have no order.")
         return _EQUAL[comparison](column, wanted)
-    try:
-        number = float(wanted)
-    except ValueError:
-        raise InputError(f"{option(key)}: {name} holds numbers, but {wanted!r} is none.") from None
-    return _COMPARED[comparison](column, number)
+    if not isinstance(number, float):
+        raise InputError(f"{option(key)}: {name} holds numbers, but {wanted!r} is none.")
+    return _COMPARED[comparison](column, number) & ~is_missing(column)
 
 
 def signal_at(how: TapMap, column: NDArray[Any], rows: int) -> NDArray[Any]:

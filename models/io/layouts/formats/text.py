@@ -96,7 +96,7 @@ class TextContents(Contents):
 
     def _blocks(self) -> Iterator[TextBlock]:
         layout = self._layout
-        for block in whole_rows(map(layout.with_one_delimiter, self._lines), layout.delimiter):
+        for block in whole_rows(map(layout.plain, self._lines), layout.delimiter):
             cut = 0 if block.ended or not self.without_cut else layout.cut_line(block)
             if cut:
                 self.damage = f"line {cut} left out: the file ends within it."

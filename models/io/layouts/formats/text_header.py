@@ -29,6 +29,8 @@ _UNIT = re.compile(rf"[\[(]?({_ONE_UNIT}(?:[/*·.]{_ONE_UNIT})*|-?)[\])]?")
 _FORMAT = re.compile(r"[DdMmYyHhSsf:./ -]+")
 """Of dates and times."""
 _ARROW = ("->",)
+_LABELLED = re.compile(r"([^\W\d][^:\"]*?)[ \t]*:[ \t]*(\S+)")
+"""A cell of a line for Arduino's plotter, such as `P1:0.5`."""
 _STAND_IN = "\x1f"
 """Delimiter in place of those of several signs."""
 type Rows = list[tuple[int, list[str]]]
@@ -60,6 +62,7 @@ class TextLayout:
     units: tuple[str, ...] = ()
     omitted: int = 0
     called: tuple[str, ...] = ()
+    labels: tuple[str, ...] = ()
 
     @property
     def least(self) -> int:
@@ -109,15 +112,23 @@ class TextLayout:
             raise InputError(f"line {line}: {found}, but there are {width} columns, split at {split}.")
         return [*cells, *[""] * (width - len(cells))]
 
-    def with_one_delimiter(self, block: TextBlock) -> TextBlock:
-        """Lines with the one delimiter in place of all."""
-        if not self.others:
-            return block
-        return block._replace(content=with_one_delimiter(block.content, self.others, self.delimiter))
+    def plain(self, block: TextBlock) -> TextBlock:
+        """Lines with the one delimiter in place of all, and without the names before numbers."""
+        content = with_one_delimiter(block.content, self.others, self.delimiter) if self.others else block.content
+        return block._replace(content=self._without_labels(content) if self.labels else content)
+
+    def _without_labels(self, content: bytes) -> bytes:
+        """Lines without the names before numbers; one with other names stays as it is."""
+        sign = re.escape(self.delimiter.encode())
+        cells = [re.escape(label.encode()) + rb"[ \t]*:[ \t]*" if label else b"" for label in self.labels]
+        cells = [rb"%s([^\s%s]*)" % (cell, sign) for cell in cells]
+        between = rb"[ \t]+" if self.delimiter == " " else rb"[ \t]*%s[ \t]*" % sign
+        line = rb"(?m)^[ \t]*%s[ \t]*%s?[ \t]*$" % (between.join(cells), sign)
+        return re.sub(line, self.delimiter.encode().join(rb"\g<%d>" % (n + 1) for n in range(len(cells))), content)
 
     def cut_line(self, block: TextBlock) -> int:
         """Line of a last row that is cut, 0 without, see `text_lines.cut_line`."""
-        return cut_line(self.with_one_delimiter(block), self.delimiter, self.least)
+        return cut_line(self.plain(block), self.delimiter, self.least)
 
 
 def without_thousands(cell: str) -> str:
@@ -170,12 +181,36 @@ def _whole_or_cut(first: TextBlock, how: TextTable) -> TextLayout:
 
 
 def _split(first: TextBlock, how: TextTable) -> TextLayout:
+    if (labelled := _labelled(first, how)) is not None:
+        return labelled
     if how.delimiter:
         delimiter, *others = _delimiters(how)
         return _layout(_first_rows(first, delimiter, others), delimiter, how, others)
     if all(map(_LOGGED.match, first.content.split(b"\n", _FIRST)[:-1])):
         return _logged(first, how)
     return _found(first, how)
+
+
+def _labelled(first: TextBlock, how: TextTable) -> TextLayout | None:
+    """Layout of lines whose numbers have the same names before them, as in `P1:0.5,P2:3`; `None` of others."""
+    if b":" not in first.content.split(b"\n", 1)[0]:
+        return None
+    for delimiter, *others in [_delimiters(how)] if how.delimiter else [[sign] for sign in DELIMITERS.values()]:
+        try:
+            table = _first_rows(first, delimiter, others)
+        except InputError:
+            continue
+        found = TextLayout(delimiter, how.decimal, (), delimiter != " ", table[0][0] if table else 0, (), tuple(others))
+        labels = {_labels([*cells[:-1], *filter(None, cells[-1:])], found) for _, cells in table}
+        if len(table) > 1 and len(labels) == 1 and (names := labels.pop()):
+            return replace(found, names=told_apart(names), called=names, labels=names, numeric=(True,) * len(names))
+    return None
+
+
+def _labels(cells: Sequence[str], layout: TextLayout) -> tuple[str, ...]:
+    """Names before the numbers in cells; empty if one is otherwise."""
+    found = [match for cell in cells if (match := _LABELLED.fullmatch(cell)) and layout.is_number(match[2])]
+    return tuple(match[1] for match in found) if len(found) == len(cells) else ()
 
 
 def _check(how: TextTable) -> None:
@@ -197,8 +232,13 @@ def _delimiters(how: TextTable) -> list[str]:
 
 
 def _logged(first: TextBlock, how: TextTable) -> TextLayout:
-    """Layout of a log, whose lines begin with a time and an arrow, with the delimiter of what comes after them."""
-    delimiter = _found(first._replace(content=_LOGGED.sub(b"", first.content)), how).delimiter
+    """Layout of a log, whose lines begin with a time and an arrow, with the delimiter or names of what comes after."""
+    behind = first._replace(content=_LOGGED.sub(b"", first.content))
+    if (labelled := _labelled(behind, how)) is not None:
+        names, called, labels = (("time", *labelled.names), ("time", *labelled.called), ("", *labelled.labels))
+        kinds = (False, *labelled.numeric)
+        return replace(labelled, names=names, called=called, labels=labels, numeric=kinds, others=_ARROW)
+    delimiter = _found(behind, how).delimiter
     found = _layout(_first_rows(first, delimiter, _ARROW), delimiter, how, _ARROW)
     named = how.header and "time" not in found.names and not all(map(found.is_no_name, found.names))
     return replace(found, names=("time", *found.names[1:])) if named else found

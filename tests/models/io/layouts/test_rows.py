@@ -160,3 +160,23 @@ def test_labels_may_be_one_for_each_tap(tap, tmp_path):
     assert ([taps.what_name[m] for m in taps.what], taps.where.tolist()) == (["a", "b"], [0.5, 1.5])
     kept = load_mapped(tmp_path / "a.npz", how.changed(keep="n=4")).taps
     assert ([kept.what_name[m] for m in kept.what], kept.where.tolist()) == (["b"], [1.5])
+
+
+@pytest.mark.parametrize("where", [None, "phase"])
+def test_empty_cells_among_numbers_are_missing_numbers_to_a_comparison(tmp_path, where):
+    """They are kept by none, also in a column of labels, which is read as texts."""
+    rows = [(0, "3", 1), (1, "", 2), (2, "-1.0", 3), (3, "nan", 4), (4, "0", 5)]
+    for keep, found in (
+        ("phase>=0", [1, 5]),
+        ("phase=-1", [3]),
+        ("phase!=0", [1, 3]),
+        ("phase<9", [1, 3, 5]),
+    ):
+        assert taps_of(tmp_path, rows, tap="row", keep=keep, where=where) == [[each] for each in found], keep
+
+
+def test_empty_cells_among_words_are_texts_to_a_comparison(tmp_path):
+    words = [(0, "a", 1), (1, "", 2), (2, "5", 3)]
+    assert taps_of(tmp_path, words, tap="file", keep="phase!=5") == [[1, 2]]
+    assert taps_of(tmp_path, words, tap="file", keep="phase!=") == [[1, 3]]
+    assert "which have no order" in refused(tmp_path, words, tap="file", keep="phase>5")

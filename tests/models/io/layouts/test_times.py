@@ -164,3 +164,38 @@ def test_durations_as_matlab_writes_them(tmp_path):
     taps = load_mapped(timed(tmp_path / "a.csv", [f"{n / 200:g} sec" for n in range(50)]), TAPS).taps
 
     assert taps.preprocessing.rate_hz == 200.0
+
+
+def uneven(folder, steps, **how):
+    """What is told of samples at times with these steps, and their rate."""
+    for name in ("a", "b"):
+        rows = (f"{time:.6f},{n}" for n, time in enumerate(np.cumsum(steps)))
+        (folder / f"{name}.csv").write_text("t,f\n" + "\n".join(rows))
+    found = load_mapped(folder, TapMap(taxels="f", tap="file", time="t", files="?.csv", **how))
+    return [each for each in found.told if "even" in each], found.taps.preprocessing.rate_hz
+
+
+def test_samples_at_uneven_times_are_told_with_their_steps(tmp_path):
+    steps = np.random.default_rng(1).choice([0.005, 0.01, 0.03], 200)
+    told, rate = uneven(tmp_path, steps)
+
+    assert told == [
+        f"{tmp_path / 'a.csv'} and 1 more file: steps of time (--time) are 5 to 30 ms, but samples are taken as even, "
+        f"at {rate:g} Hz, also by resample (--resample); interpolate uneven ones in the files before."
+    ]
+    assert uneven(tmp_path, steps, rate=60.0)[0] == []
+
+
+@pytest.mark.parametrize(
+    "steps",
+    [
+        np.full(200, 0.01),
+        0.01 + np.random.default_rng(2).normal(0, 0.001, 200),
+        np.diff(np.round(np.arange(201) / 300, 3)),  # rounded to ms
+        np.diff(np.floor(np.arange(201) * 1e-3 / 0.0156) * 0.0156),  # a clock of 15.6 ms
+        np.where(np.arange(200) == 50, 0.02, 0.01),  # a sample is lost
+        np.where(np.arange(200) == 50, 5, 0.01),  # a gap
+    ],
+)
+def test_jitter_rounding_and_lost_samples_are_not_uneven(tmp_path, steps):
+    assert uneven(tmp_path, steps)[0] == []
