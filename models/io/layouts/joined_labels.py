@@ -1,7 +1,7 @@
 """Labels of all taps or frames from those of the pieces: objects and positions are numbered, units and names joined."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -50,7 +50,7 @@ def joined_labels(found: Sequence[Piece], how: TapMap, beside: LabelTables) -> L
         session=_sessions(found, how, beside),
         trial=_trials(found),
         what_name=names,
-        extra={_free(name): values for name in how.extra if (values := _values(found, EXTRA + name)) is not None},
+        extra=dict(_extra(found, how)),
         tables=tables,
     )
 
@@ -69,9 +69,13 @@ def _alike(names: Sequence[str]) -> list[str]:
     return next((same[:2] for same in seen.values() if len(same) > 1), [])
 
 
-def _free(name: str) -> str:
-    """A name that no array of a tap set has."""
-    return f"recorded_{name}" if name in RESERVED else name
+def _extra(found: Sequence[Piece], how: TapMap) -> Iterator[tuple[str, NDArray[Any]]]:
+    """Further arrays by names that no array of a tap set has: the last part of their path if that is enough."""
+    ends = [re.split(r"[/@:]", name)[-1] for name in how.extra]
+    for name, end in zip(how.extra, ends, strict=True):
+        if (values := _values(found, EXTRA + name)) is not None:
+            own = end if ends.count(end) == 1 else re.sub(r"[/@:{}*]+", "_", name).strip("_")
+            yield f"recorded_{own}" if own in RESERVED else own, values
 
 
 def _values(found: Sequence[Piece], key: str) -> NDArray[Any] | None:

@@ -44,8 +44,9 @@ class TableColumn(NamedTuple):
 
     @property
     def texts_beside(self) -> dict[str, NDArray[Any]]:
-        """The other columns that hold texts."""
-        return {key: of for key, of in self.columns.items() if key != self.name and of.dtype.kind == "U"}
+        """The other columns that hold texts or whole numbers, as texts."""
+        others = {key: of for key, of in self.columns.items() if key != self.name and of.dtype.kind in "Uiu"}
+        return {key: of if of.dtype.kind == "U" else np.array(as_texts(of)) for key, of in others.items()}
 
 
 @dataclass(frozen=True, eq=False)

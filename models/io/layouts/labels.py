@@ -30,6 +30,8 @@ class ByOrder(NamedTuple):
     doubt: Literal["", "files", "rows"] = ""
 
 
+_TABLES = ("text", "npy", "jsonl", "parquet", "arrow")
+"""Formats of tables of labels."""
 LISTS = ("what_names", "where_values")
 """Keys of names and positions that labels index."""
 
@@ -72,7 +74,7 @@ def label_source(key: str, text: str) -> LabelSource:
     parts = text.split(":")
     for number in range(1, len(parts) + 1):
         kind = ENDINGS.get(ending(name := ":".join(parts[:number])))
-        if kind in ("text", "npy") or (name.endswith(".json") and key in LISTS):
+        if kind in _TABLES or (name.endswith(".json") and key in LISTS):
             column, _, by = ":".join(parts[number:]).partition(":")
             by, _, own = by.partition("=")
             return LabelSource(key, "table", name, column, by, own)

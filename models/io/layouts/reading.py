@@ -181,6 +181,11 @@ class FileRead:
         Raises:
             InputError: Its elements differ in shape, and otherwise than those of the samples.
         """
+        full = name_of(name, self.file, self.contents)
+        if full in self.contents.attributes and full not in self.contents.variables:
+            value = self.contents.attributes[full]
+            rows = len(self.signal.samples)
+            return np.array(value.values) if isinstance(value, Several) else np.repeat(np.array(value), rows)
         return _of_taps(self.of(name), name, self.signal)
 
     def listed(self, name: str) -> NDArray[Any]:
@@ -316,7 +321,7 @@ def _further(
         if name:
             with naming(option(key)):
                 full = name_of(name, file, contents)
-                if key not in ("what_names", "where_values") or full not in contents.attributes:
+                if key not in ("what_names", "where_values", "keep") or full not in contents.attributes:
                     found.append(contents.named(full))
     return [*dict.fromkeys(found)]
 

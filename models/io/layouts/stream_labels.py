@@ -85,6 +85,20 @@ class StreamLabels:
         found = joined_labels(parts, self.how, self.tables)
         return found if "session" in self.of_taps else replace(found, session=self.frames.session[rows])
 
+    def labelled(self, presses: Presses) -> Presses:
+        """Those presses of a table or array that have an object, a position and a session there."""
+        bounds = np.cumsum([0, *(piece.rows for piece in self.pieces)])
+        stream = np.searchsorted(bounds, presses.row, "right") - 1
+        count, known = _Count.of(presses.row, stream, presses, bounds), np.ones(len(presses.row), dtype=bool)
+        for number in np.unique(stream).tolist():
+            piece, own = self.pieces[number], stream == number
+            for key in self.of_taps & {"what", "where", "session", *PLANE} & piece.labels.keys():
+                label = piece.labels[key]
+                if isinstance(label, ByOrder) or (isinstance(label, np.ndarray) and len(label) != piece.rows):
+                    values = np.asarray(self._of_piece(key, number, count, own, presses.row))
+                    known[own] &= ~is_missing(values)
+        return presses._replace(row=presses.row[known], event=presses.event[known])
+
     def _of_piece(
         self, key: str, number: int, count: "_Count", taps: NDArray[np.bool_], frames: NDArray[np.intp]
     ) -> Label:

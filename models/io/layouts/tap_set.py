@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ...blocks import over_blocks
 from ...cutting.presses import Presses, presses_of_column, presses_of_events
 from ...cutting.taxels import UsableTaxels, dead_taxels, usable_taxels, with_taxels
-from ...errors import InputError
+from ...errors import InputError, counted
 from ...preprocessing import Preprocessing
 from ...settings import Missing
 from ...taps import TapSet
@@ -82,8 +82,14 @@ def load_mapped(
     mapped = read_mapped(paths, how, missing, folder)
     if how.trigger is not None:
         presses = _presses(mapped, how)
+        unlabelled = 0
+        if presses is not None and mapped.labels is not None and mapped.labels.of_taps:
+            every, presses = presses, mapped.labels.labelled(presses)
+            unlabelled = len(every.row) - len(presses.row)
         labels_of = None if mapped.labels is None else partial(mapped.labels.at, presses=presses)
         taps, told = cut_streams(mapped.recording, how, presses, labels_of)
+        if unlabelled:
+            told = (*told, f"{counted(unlabelled, 'press')} left out: without a label.")
     elif mapped.recording.is_stream:
         raise InputError(
             f"{mapped.files[0].path}: holds streams: say what a tap is with {option('tap')}, or cut taps with "

@@ -1,6 +1,11 @@
 """Labels in a table beside the recordings: whatever its order, each tap gets its own."""
 
+import json
+
+import h5py
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 import scipy.io
 from hypothesis import given
@@ -503,3 +508,43 @@ def test_a_table_that_contradicts_the_order_of_the_taps_is_refused(rows, column,
     assert "".join(by_both.values()) == "".join(np.array(list("abcdef"))[np.argsort(rows.split())])
     with pytest.raises(InputError, match=r"the table has nr \d in two rows"):
         found(tmp_path, table.replace("day", "date"), **how, what="labels.csv:thing:nr=tap")
+
+
+@pytest.mark.parametrize("kind", ["jsonl", "parquet"])
+def test_tables_may_be_of_other_formats(tmp_path, kind):
+    """As those of a LeRobot data set: days by the number of the episode, names by the number of the task."""
+    (tmp_path / "meta").mkdir()
+    frames = {"episode_index": np.repeat([0, 1, 2], 2), "task_index": np.repeat([4, 3, 4], 2), "p": np.arange(6.0)}
+    pq.write_table(pa.table(frames), tmp_path / "a.parquet")
+    tasks, days = {"task_index": [3, 4], "task": ["cup", "rod"]}, {"episode_index": [2, 0, 1], "day": ["b", "a", "b"]}
+    for name, table in (("tasks", tasks), ("days", days)):
+        rows = [dict(zip(table, row, strict=True)) for row in zip(*table.values(), strict=True)]
+        path = tmp_path / f"meta/{name}.{kind}"
+        if kind == "jsonl":
+            path.write_text("\n".join(map(json.dumps, rows)))
+        else:
+            pq.write_table(pa.table(table), path)
+    how = TapMap(taxels="p", tap="episode_index", what="task_index", what_names=f"meta/tasks.{kind}:task")
+
+    taps = load_mapped(tmp_path / "a.parquet", how.changed(session=f"meta/days.{kind}:day")).taps
+
+    assert [taps.what_name[m] for m in taps.what] == ["rod", "cup", "rod"]
+    assert taps.session.tolist() == [0, 1, 1]
+
+
+def test_attributes_of_arrays_are_kept_and_keep_taps(tmp_path):
+    """Under the last part of their names."""
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        for n, success in enumerate((1, 0, 1)):
+            file[f"s/trial_{n}/x"] = np.full((2, 2), n)
+            file[f"s/trial_{n}"].attrs.update(success=success, kind=f"k{n}")
+    how = TapMap(taps="s/trial_{trial}/x", axes="sample,taxel", tap="file", what="s/trial_{trial}@kind")
+    how = how.changed(extra=("s/trial_{trial}@success", "s/trial_{trial}@kind"))
+
+    taps = load_mapped(tmp_path / "a.h5", how).taps
+    assert (taps.dataset["success"].values.tolist(), taps.dataset["kind"].values.tolist()) == (
+        [1, 0, 1],
+        ["k0", "k1", "k2"],
+    )
+    taps = load_mapped(tmp_path / "a.h5", how.changed(keep="s/trial_{trial}@success=1")).taps
+    assert taps.taps[:, 0, 0].tolist() == [0, 2]

@@ -287,3 +287,16 @@ def test_each_file_may_have_a_table_of_its_presses(tmp_path, rng):
 
     assert [row[1:] for row in labelled(taps)] == expected_taps
     assert taps.session.tolist() == [0, 0, 0, 1, 1]
+
+
+def test_presses_without_a_label_are_left_out_and_told(tmp_path, rng):
+    """As rests are in a table of events."""
+    stream(tmp_path / "s.csv", [10, 40, 70])
+    labels = table(tmp_path / "presses.csv", [10, 25, 40, 70], rng)
+    lines = (tmp_path / "presses.csv").read_text().splitlines()
+    (tmp_path / "presses.csv").write_text("\n".join([*lines[:2], "0.25,n/a,n/a", *lines[3:]]))
+
+    taps, told = load_mapped(tmp_path / "s.csv", EVENTS.changed(what="presses.csv:object", where="presses.csv:angle"))
+
+    assert [row[1:] for row in labelled(taps)] == [row[1:] for row in expected(labels, [0, 2, 3])]
+    assert told[-1] == "1 press left out: without a label."
