@@ -71,7 +71,7 @@ def _alike(names: Sequence[str]) -> list[str]:
 
 def _extra(found: Sequence[Piece], how: TapMap) -> Iterator[tuple[str, NDArray[Any]]]:
     """Further arrays by names that no array of a tap set has: the last part of their path if that is enough."""
-    ends = [re.split(r"[/@:]", name)[-1] for name in how.extra]
+    ends = [re.split(r"[/@]", name)[-1] for name in how.extra]
     for name, end in zip(how.extra, ends, strict=True):
         if (values := _values(found, EXTRA + name)) is not None:
             own = end if ends.count(end) == 1 else re.sub(r"[/@:{}*]+", "_", name).strip("_")
