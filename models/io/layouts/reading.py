@@ -19,7 +19,7 @@ from .long_table import widened
 from .mapping import EXTRA, LABELS, PLANE, TapMap, option
 from .patterns import compiled_pattern, filled, is_pattern
 from .rows import condition, tap_columns
-from .signal import Signal, arranged, side_by_side
+from .signal import Signal, arranged, from_texts, side_by_side
 
 
 def sources_of(how: TapMap, fields: Mapping[str, str]) -> dict[str, LabelSource]:
@@ -299,6 +299,8 @@ def of_arrays(
     values, _ = contents.read([*dict.fromkeys([*names, *further])])
     frames = how.tap is not None or how.trigger is not None
     shapes = {name: contents.variables[name].shape for name in names}
+    if contents.table:
+        values |= {name: from_texts(values[name], name, contents.place) for name in names}
     signals = [arranged(values[name], how.axis_names, name, frames, shapes[name]) for name in names]
     signal = side_by_side(signals, names)
     if how.taxels is not None:

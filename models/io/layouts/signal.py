@@ -1,6 +1,8 @@
 """Samples of a file as taps or as frames of a stream, whatever the order of their axes."""
 
-from collections.abc import Sequence
+import json
+import re
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from math import prod
 from typing import Any
@@ -10,11 +12,15 @@ from numpy.typing import NDArray
 
 from ...errors import InputError
 from ..recording import check_real, naming
+from .formats.columns import stacked
 from .formats.contents import Values
 from .mapping import option
 
 _FRAMES = ("sample", "taxel")
 _ROLES = ("tap", *_FRAMES)
+_SHOWN = 40
+_IN_JSON = {"nan": "NaN", "None": "null", "inf": "Infinity"}
+_NOT_JSON = re.compile(r"\b(?:nan|None|inf)\b")
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,6 +91,32 @@ def arranged(
             return _of_elements(values, axes, name, lead)
         check_real(name, values)
     return _of_array(values, axes)
+
+
+def from_texts(values: Values, name: str, place: Callable[[int], str]) -> Values:
+    """Lists of numbers in texts such as `[[0.1, 0.2], [0.3, nan]]`, as pandas writes them, as arrays.
+
+    Args:
+        values: Of each row; what holds no texts stays as it is.
+        name: Their name.
+        place: Where a row stands, for messages.
+
+    Raises:
+        InputError: A text is no such list.
+    """
+    if not isinstance(values, np.ndarray) or values.dtype.kind != "U":
+        return values
+    found = list[NDArray[np.float64]]()
+    for row, text in enumerate(values.tolist()):
+        try:
+            listed = json.loads(_NOT_JSON.sub(lambda match: _IN_JSON[match[0]], text))
+            found.append(np.array([*listed], np.float64))
+        except (ValueError, TypeError, RecursionError):
+            raise InputError(
+                f"{place(row)}, {name}: {text[:_SHOWN]!r} is no list of numbers such as [[0.1, 0.2], [0.3, 0.4]], with "
+                "inner lists of one length; save arrays as .npz instead."
+            ) from None
+    return stacked(found) if found else values
 
 
 def _default_axes(rank: int, name: str, frames: bool) -> tuple[str, ...]:

@@ -15,6 +15,7 @@ BLOCK = 1 << 22
 _LONGEST = 16  # times the size of a block may be that of a row
 DELIMITERS = {",": ",", ";": ";", "tab": "\t", "|": "|", "blank": " "}
 _MOST_BLOCKS = 4
+csv.field_size_limit(_MOST_BLOCKS * BLOCK)  # a cell may hold a list of all samples of a tap
 _BLANKS = re.compile(r'("[^"]*")|[ \t]+')
 _QUOTED = rb'"[^"]*"'
 _MARKS = {b"\xff\xfe": "utf-16-le", b"\xfe\xff": "utf-16-be", b"\xef\xbb\xbf": "utf-8"}
