@@ -6,7 +6,7 @@ stored in every `TapSet` and every fitted model, and a model refuses taps with a
 
 import json
 import math
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from fractions import Fraction
 from itertools import pairwise
 from typing import Any, Literal, Self
@@ -130,6 +130,20 @@ class Preprocessing:
     def frames(self) -> int:
         """Frames of the sensor from the first to the last one on which the samples of a tap may depend."""
         return math.ceil((self.samples - 1) / self.ratio) + 1 + 2 * self.frames_behind
+
+    def of_length(self, samples: int) -> Self:
+        """The record of taps of another length; where a press was in them is not known if they are shorter than that.
+
+        >>> record = Preprocessing(samples=50, trigger="press", pre_samples=5, tare="tap", tare_samples=3)
+        >>> (record.of_length(1).pre_samples, record.of_length(1).tare_samples, record.of_length(9).pre_samples)
+        (0, 1, 5)
+        """
+        return replace(
+            self,
+            samples=samples,
+            pre_samples=self.pre_samples if self.pre_samples < samples else 0,
+            tare_samples=min(self.tare_samples, samples) if self.tare == "tap" else self.tare_samples,
+        )
 
     def differences(self, other: Self, here: str = "here", there: str = "there") -> list[str]:
         """Differences of `other`, one phrase per field; empty if both are equal.

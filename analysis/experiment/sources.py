@@ -116,7 +116,7 @@ def right_model(seed: int, samples: int = 4, power: str = "none") -> HistogramMo
     """The model of preset `model`: histograms of a simulated session of the paper, for taps of a few samples."""
     taps = simulate_session(preset("paper"), seed, 0)
     model = fit(taps, taps.grid(), power=power)
-    return replace(model, preprocessing=replace(model.preprocessing, samples=samples))
+    return replace(model, preprocessing=model.preprocessing.of_length(samples))
 
 
 def _simulate(

@@ -177,7 +177,7 @@ def equivalent(model: TapModel) -> TapModel:
     J = model.preprocessing.samples
     worth = model.exponent * J
     samples = int(np.clip(round(worth), 1, J)) if model.form.exchangeable else J
-    record = replace(model.preprocessing, samples=samples)
+    record = model.preprocessing.of_length(samples)
     return replace(model, preprocessing=record, power=worth / samples)  # pyright: ignore[reportArgumentType]
 
 

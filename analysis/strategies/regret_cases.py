@@ -80,7 +80,7 @@ def world(case: ProblemSize) -> PreparedProblem:
     taps = simulate_session(preset("paper"), SEED, 0)
     grid = taps.grid(case.cell)
     model = fit(taps, grid.select(case.places, case.rods), power="none")
-    model = replace(model, preprocessing=replace(model.preprocessing, samples=case.samples))
+    model = replace(model, preprocessing=model.preprocessing.of_length(case.samples))
     symbols = quantised(model, case.symbols, SEED, DRAWN, case.starts)
     return PreparedProblem(case, model, symbols, learn_table([symbols.table], model.grid, border="clamp", seed=SEED))
 

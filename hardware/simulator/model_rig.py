@@ -6,7 +6,6 @@ levels and guarantees of perception can be checked on such data only.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -192,7 +191,7 @@ def draw_session(
         InputError: No class is trained, no tap is requested, or the model depends on time and `samples` differs from
             its own.
     """
-    record = model.preprocessing if samples is None else replace(model.preprocessing, samples=samples)
+    record = model.preprocessing if samples is None else model.preprocessing.of_length(samples)
     if isinstance(model, HistogramModel) and model.form is model.plain_form:
         return draw_taps(
             model.grid, model.probabilities, model.edges, record, taps_per_class, seed, session, model.trained

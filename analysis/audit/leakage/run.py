@@ -166,7 +166,7 @@ def with_samples(taps: TapSet, samples: Variable | NDArray[np.floating]) -> TapS
     """Taps of the same labels with other samples, shape (N, any number, K)."""
     J = samples.shape[1]
     # What started a tap says nothing of a part of it.
-    record = replace(taps.preprocessing, samples=J, pre_samples=0)
+    record = replace(taps.preprocessing.of_length(J), pre_samples=0)
     variable = samples if isinstance(samples, Variable) else Variable(("tap", "sample", "taxel"), samples)
     dataset = taps.dataset.drop_dims("sample").assign(taps=variable)
     dataset = dataset.assign_coords(time=("sample", np.arange(J) / (record.rate_hz or 1.0)))

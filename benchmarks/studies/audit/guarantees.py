@@ -66,7 +66,7 @@ class Drawn(NamedTuple):
 
 def of_samples(model: HistogramModel, samples: int) -> HistogramModel:
     """The same model for taps of fewer samples."""
-    return replace(model, preprocessing=replace(model.preprocessing, samples=samples))
+    return replace(model, preprocessing=model.preprocessing.of_length(samples))
 
 
 def drawn(model: HistogramModel, samples: int, sizes: Sizes, seed: int) -> Drawn:

@@ -18,7 +18,7 @@ from .label_values import are_names, as_numbers, as_texts, by_name, distinct, is
 from .labels import LISTS, label_source
 from .listed import Listed, listed
 from .mapping import EXTRA, PLANE, TapMap, option
-from .patterns import natural
+from .patterns import filled, natural
 from .pieces import Piece
 
 _MOST = 10**15 - 1  # as floats hold all integers to there
@@ -188,7 +188,13 @@ def _listed(found: Sequence[Piece], told: Any, key: str, beside: LabelTables) ->
     source = label_source(key, told)
     if source.kind == "table":
         with naming(option(key)):
-            return listed(source, found[0].file, beside)
+            files = {beside.place(filled(source.name, piece.file.fields), piece.file): piece.file for piece in found}
+            lists = {path: listed(source, file, beside) for path, file in files.items()}
+            one, *others = lists
+            for other in others:
+                if as_texts(lists[other].entries) != as_texts(lists[one].entries):
+                    raise InputError(f"{other} differs from {one}; make tap sets of each alone.")
+            return lists[one]
     first = found[0].tables[key].reshape(-1)
     for piece in found:
         if not np.array_equal(piece.tables[key].reshape(-1), first):

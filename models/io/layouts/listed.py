@@ -15,6 +15,7 @@ from .formats.text_lines import Lines
 from .label_tables import LabelTables, TableColumn
 from .label_values import PLAIN, are_names, as_texts
 from .labels import LabelSource
+from .patterns import filled
 
 _HEADERS = {"what", "where", "name", "object", "label", "class", "classe", "position", "value", "id", "what_name"}
 _HEADERS |= {"where_value", "category", "categorie", "material", "texture", "surface", "shape", "target", "item"}
@@ -58,7 +59,7 @@ def listed(source: LabelSource, file: SourceFile, tables: LabelTables) -> Listed
         InputError: There is no such file or column, or it is not clear what its entries are.
     """
     if not source.column:
-        path = tables.place(source.name, file)
+        path = tables.place(filled(source.name, file.fields), file)
         if path.suffix.casefold() == ".json":
             return _of_json(path)
         if path.suffix.casefold() != ".npy" and (found := _of_lines(path)) is not None:

@@ -64,6 +64,12 @@ def test_fewer_samples_that_count_more_mean_the_same(power, J, samples, left):
         np.testing.assert_allclose(fewer.log_likelihood(taps), model.log_likelihood(repeated), rtol=1e-12)
 
 
+def test_fewer_samples_may_be_of_taps_with_samples_before_the_press():
+    model = model_of(J=5, K=3, power="J")
+    record = Preprocessing(samples=5, trigger="press", pre_samples=2, tare="tap", tare_samples=3)
+    assert equivalent(replace(model, preprocessing=record)).preprocessing.samples == 1
+
+
 EXACT = {
     "J": (("J", 5), True),
     "none": (("none", 5), True),

@@ -85,3 +85,15 @@ def test_numbers_of_sessions_with_names_are_told(tmp_path):
     assert load_mapped(tmp_path, TapMap(files="{session}.csv", taxels="p", tap="row")).told == (
         "Sessions: 0 is test, 1 is train.",
     )
+
+
+def test_lists_of_several_folders_must_be_alike(tmp_path):
+    for folder in "xy":
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "names.txt").write_text("can\nball\n")
+        (tmp_path / folder / "a.csv").write_text("n,p\n0,1\n1,2\n")
+    how = TapMap(files="*/a.csv", taxels="p", tap="row", what="n", what_names="names.txt")
+    assert load_mapped(tmp_path, how).taps.what_name == ["can", "ball"]
+    (tmp_path / "y/names.txt").write_text("ball\ncan\n")
+    with pytest.raises(InputError, match=r"what_names \(--what-names\): .*y/names\.txt differs from .*x/names\.txt"):
+        load_mapped(tmp_path, how)
