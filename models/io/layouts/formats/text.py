@@ -85,7 +85,7 @@ class TextContents(Contents):
     @override
     def place(self, row: int) -> str:
         for block in self._blocks():
-            length = _length(block.content, self._layout)
+            length = _length(block.content, self._layout) if len(self.variables) > 1 else None  # as it counts blanks
             if length is None or row < length:
                 lines = [line for line, _ in rows(block, self._layout.delimiter)]
                 if row < len(lines):

@@ -177,6 +177,14 @@ def test_rows_have_places(tmp_path):
     assert [contents.place(row) for row in range(3)] == ["line 4", "line 5", "line 7"]
 
 
+@pytest.mark.parametrize("size", [1, 1 << 22])
+def test_blank_lines_of_one_column_are_no_rows(tmp_path, size):
+    path = tmp_path / "t.csv"
+    path.write_text("1\n \n\n2\n3")
+    contents = TextContents(path, TextTable(header=False), size)
+    assert [contents.place(row) for row in range(3)] == ["line 1", "line 4", "line 5"]
+
+
 @pytest.mark.parametrize(
     ("content", "how", "message"),
     [
