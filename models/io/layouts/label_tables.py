@@ -119,6 +119,7 @@ class LabelTables:
             return str(values[0])
         these, place = tuple(among.tolist()), (str(column.path), column.name)
         counts = [] if source.by else self._contrary(source, column, among, both, found)
+        counts = counts or ([] if source.by else _names_columns(column, contents))
         alone = list(about.rows.values()).count(about.rows[file.path]) == 1 if by else len(self.files) == 1
         if len(values) == rows and alone and not counts:
             return values
@@ -301,6 +302,13 @@ def _hint(source: LabelSource, column: str, about: FileRows, counts: Sequence[st
     if about.doubt:
         return f"{about.doubt}; {name}:COLUMN reads it by these numbers, {name}:order in the order of the taps"
     return f"{name}:KEY=OWN compares its column KEY with a column or field OWN of the recording"
+
+
+def _names_columns(column: TableColumn, contents: Contents) -> list[str]:
+    """Columns of a table that name columns or arrays of a file, one for each row and in another order than these."""
+    there = list(contents.variables)
+    known = {key: of.tolist() for key, of in column.texts_beside.items() if set(of.tolist()) <= set(there)}
+    return [key for key, of in known.items() if 1 < len(of) == len(set(of)) and of != sorted(of, key=there.index)]
 
 
 def _alike(name: str, contents: Contents) -> str:

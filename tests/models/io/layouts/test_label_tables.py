@@ -548,3 +548,11 @@ def test_attributes_of_arrays_are_kept_and_keep_taps(tmp_path):
     )
     taps = load_mapped(tmp_path / "a.h5", how.changed(keep="s/trial_{trial}@success=1")).taps
     assert taps.taps[:, 0, 0].tolist() == [0, 2]
+
+
+def test_a_table_that_names_the_columns_of_taps_is_not_read_in_their_order(tmp_path):
+    (tmp_path / "a.txt").write_text("u,v,w\n1,2,3\n1,2,3\n")
+    how = {"files": "a.txt", "taxels": "{tap}", "tap": None}
+    assert found(tmp_path, "tap,thing\nu,cup\nv,rod\nw,pot\n", **how) == {1: "cup", 2: "rod", 3: "pot"}
+    with pytest.raises(InputError, match="by its column tap its rows are in another order than the taps"):
+        found(tmp_path, "tap,thing\nw,pot\nu,cup\nv,rod\n", **how)
