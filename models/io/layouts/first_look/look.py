@@ -288,8 +288,6 @@ def _held(contents: Contents, values: Mapping[str, NDArray[Any]]) -> Iterator[st
         yield f"  {name:<{min(width, 40)}}  {', '.join(filter(None, parts))}"
     if len(contents.variables) > len(names):
         yield f"  ... and {len(contents.variables) - len(names)} more"
-    for name in [name for name in names if list(contents.columns).count(name) > 1]:
-        yield f"  {name} is the name of several columns: skip the header, header = false, and name columns by number"
     for name, reason in contents.unreadable.items():
         yield f"  {name} is not read: {reason}"
     attributes = list(contents.attributes.items())
