@@ -104,6 +104,9 @@ def _parts(label: Any, sharing: Sequence[Piece], of_taps: bool) -> list[NDArray[
         raise InputError(f"{label.table}: {label.hint}.")
     if len(values) == sum(taps):
         return np.split(values, np.cumsum(taps)[:-1])
+    if len(values) == sum(every := [piece.every for piece in sharing]):
+        parts = np.split(values, np.cumsum(every)[:-1])
+        return [part[piece.among] for part, piece in zip(parts, sharing, strict=True)]
     if len(values) == sum(rows):
         return [part[piece.row] for part, piece in zip(np.split(values, np.cumsum(rows)[:-1]), sharing, strict=True)]
     if all(number == len(values) for number in taps):

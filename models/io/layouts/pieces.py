@@ -44,6 +44,8 @@ class Piece:
         row: Number of the row or tap of the file that each one begins with, shape (rows,).
         numbers: Of the tap of each, as columns tell.
         whole: Number of rows or taps of the file, kept or not.
+        among: Number of each tap among all those of the file, kept or not, where rows are divided into taps.
+        every: How many these are.
         told: What of the file is left out, and how labels were found, one sentence each.
     """
 
@@ -60,6 +62,8 @@ class Piece:
     row: NDArray[np.intp] = field(default_factory=lambda: np.arange(0))
     numbers: tuple[NDArray[Any], ...] = ()
     whole: int = 0
+    among: NDArray[np.intp] = field(default_factory=lambda: np.arange(0))
+    every: int = 0
     told: tuple[str, ...] = ()
 
     @property
@@ -171,12 +175,15 @@ def _piece(read: FileRead, tables: LabelTables, missing: Missing) -> Piece:
     stepped = in_step(read.values, read.of_rows, read.names[0], contents, whole)
     read = replace(read, values=stepped.values)
     rows = _rows(read, sources, tables)
-    starts = None if read.signal.cut else _starts(read, rows)
+    starts = every = None if read.signal.cut else _starts(read, rows)
     if starts is not None:
         rows = replace(rows, labels=_of_rows(rows.labels, starts, whole))
     if how.keep is not None or stepped.known is not None:
-        every = np.ones(whole, dtype=bool)
-        mask = every if how.keep is None else holds(how, "keep", read.column(condition(how.keep)[0]), whole)
+        mask = (
+            np.ones(whole, dtype=bool)
+            if how.keep is None
+            else holds(how, "keep", read.column(condition(how.keep)[0]), whole)
+        )
         mask = mask if stepped.known is None else mask & stepped.known
         rows = rows.select(mask, rows.signal.select(mask))
         starts = None if starts is None else among_kept(starts, rows.which, whole)
@@ -203,6 +210,8 @@ def _piece(read: FileRead, tables: LabelTables, missing: Missing) -> Piece:
         rows.which,
         rows.numbers,
         whole,
+        np.arange(0) if every is None else np.searchsorted(every, rows.which, "right") - 1,
+        0 if every is None else len(every),
         (*([f"{file.path}: {contents.damage}"] if contents.damage else []), *contents.told, *stepped.told),
     )
 

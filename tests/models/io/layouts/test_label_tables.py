@@ -556,3 +556,12 @@ def test_a_table_that_names_the_columns_of_taps_is_not_read_in_their_order(tmp_p
     assert found(tmp_path, "tap,thing\nu,cup\nv,rod\nw,pot\n", **how) == {1: "cup", 2: "rod", 3: "pot"}
     with pytest.raises(InputError, match="by its column tap its rows are in another order than the taps"):
         found(tmp_path, "tap,thing\nw,pot\nu,cup\nv,rod\n", **how)
+
+
+@pytest.mark.parametrize("keep", ["ok=1", "ok=0"])
+def test_a_table_may_list_taps_that_are_not_kept(tmp_path, keep):
+    """Rows of one are dropped, of another all."""
+    (tmp_path / "a.txt").write_text("n,ok,p\n0,1,0\n0,0,0\n1,0,1\n1,0,1\n2,1,2\n2,1,2\n3,1,3\n")
+    how = {"files": "a.txt", "taxels": "p", "tap": "n", "keep": keep, "length": "shortest"}
+    kept = {0: "cup", 2: "pot", 3: "can"} if keep == "ok=1" else {0: "cup", 1: "rod"}
+    assert found(tmp_path, "thing\ncup\nrod\npot\ncan\n", **how) == kept
