@@ -20,6 +20,7 @@ from .listed import Listed, listed
 from .mapping import EXTRA, PLANE, TapMap, option
 from .patterns import filled, natural
 from .pieces import Piece
+from .times import since_date
 
 _MOST = 10**15 - 1  # as floats hold all integers to there
 
@@ -277,7 +278,12 @@ def _sessions(found: Sequence[Piece], how: TapMap, beside: LabelTables) -> NDArr
         if told is not None and told.kind == "gap":
             return number_by_gap(_all_times(found), _seconds(told.name), source)
         if told is not None and told.dated:
-            return number_by_date(np.asarray(raw))
+            stated = {piece.label_units.get("session", "") for piece in found}
+            numbers = np.asarray(raw)
+            if len(stated) == 1 and numbers.dtype.kind in "iuf":
+                since = since_date(numbers.astype(np.float64), stated.pop())
+                numbers = numbers if since is None else (since * 1e9).astype("datetime64[ns]")
+            return number_by_date(numbers)
     if raw is None:
         return source.astype(np.int64)
     _check_there(found, "session", raw)

@@ -30,6 +30,9 @@ _DATE = r"(?P<d>\d{1,2})\.(?P<m>\d{1,2})\.(?P<y>\d{4})|(?P<Y>\d{4})(?P<sign>[-/]
 _TIME = r"(?P<h>\d{1,2}):(?P<min>\d\d)(?::(?P<s>\d\d)(?:[.,](?P<f>\d{1,9})\d*)?)?"
 _ZONE = r"(?P<zone>[+-])(?P<hours>\d\d):?(?P<minutes>\d\d)"
 _CLOCK = re.compile(rf"(?:{_DATE})?[ T_]*(?:{_TIME})?(?:Z|{_ZONE})?")
+_SINCE = re.compile(r"(\w+) since (.+)")
+_CF = {"day": 86400.0, "hour": 3600.0, "minute": 60.0, "second": 1.0}
+_CF |= {"millisecond": 1e-3, "microsecond": 1e-6, "nanosecond": 1e-9}
 _NONE = {"NaT", *MISSING}
 
 
@@ -119,9 +122,22 @@ def in_seconds(key: str, name: str, values: NDArray[Any], unit: str) -> NDArray[
         numbers = values.astype(np.float64)
     except ValueError:
         return _of_texts(key, name, values)
+    if (since := since_date(numbers, unit)) is not None:
+        return since
     if unit not in UNITS:
         raise InputError(f"{option(key)}: {name} is in {unit!r}; say its unit with --time-unit s, ms, us or ns.")
     return numbers * UNITS[unit]
+
+
+def since_date(numbers: NDArray[np.float64], unit: str) -> NDArray[np.float64] | None:
+    """Seconds since 1970 of numbers in a unit of the CF conventions, such as `days since 2026-11-26`, else `None`."""
+    found = _SINCE.fullmatch(unit)
+    if found is None or (step := _CF.get(found[1].casefold().removesuffix("s"))) is None:
+        return None
+    try:
+        return numbers * step + _time(found[2].strip()).astype(np.int64) / 1e9
+    except ValueError:
+        return None
 
 
 def _of_texts(key: str, name: str, values: NDArray[Any]) -> NDArray[np.float64]:

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import xarray as xr
 from solidtouch.models.errors import InputError
 from solidtouch.models.io.layouts.mapping import TapMap
 from solidtouch.models.io.layouts.tap_set import load_mapped
@@ -199,3 +200,19 @@ def test_samples_at_uneven_times_are_told_with_their_steps(tmp_path):
 )
 def test_jitter_rounding_and_lost_samples_are_not_uneven(tmp_path, steps):
     assert uneven(tmp_path, steps)[0] == []
+
+
+def test_times_of_data_sets_have_a_unit_since_a_date(tmp_path):
+    """As xarray writes its dates: also those of sessions."""
+    clock = np.datetime64("2026-11-26T10:00", "ns") + np.arange(6) * np.timedelta64(10, "ms")
+    days = np.repeat(np.array(["2026-11-25", "2026-11-26"], "datetime64[ns]"), 3)
+    data = {"x": (("time", "k"), np.arange(12.0).reshape(6, 2)), "day": ("time", days)}
+    xr.Dataset(data, {"time": clock}).to_netcdf(tmp_path / "a.nc")
+    how = TapMap(taps="x", axes="sample,taxel", time="time", session="date:day", trigger="clock", window=3)
+
+    taps = load_mapped(tmp_path / "a.nc", how.changed(format="netcdf")).taps
+
+    assert (taps.preprocessing.rate_hz, taps.session.tolist()) == (100.0, [0, 1])
+    assert in_seconds("time", "t", np.array([1.5]), "hours since 1970-01-02") == 86400 + 5400
+    with pytest.raises(InputError, match="t is in 'months since 2026-01-01'"):
+        in_seconds("time", "t", np.array([1.5]), "months since 2026-01-01")
