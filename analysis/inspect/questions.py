@@ -258,7 +258,7 @@ def _beliefs(design: _Design) -> _Rule:
     if design.classes == 1:
         yield "no", _ONE_CLASS
     if judged == 1:
-        yield "no", f"One tap per class to judge on; record {_RECORD} per session."
+        yield "no", f"One tap per class is left to judge on; record {_RECORD} per session."
     if fit is None and not design.large:
         yield "no", _UNTESTED
     if fit is None:

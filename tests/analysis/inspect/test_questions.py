@@ -57,7 +57,7 @@ def test_interleaved_classes_with_enough_taps_answer_all(make_taps):
         ({"repeats": 3}, "moves", "partly", "Moves back repeat the 3 taps of a class"),
         ({"L": 1}, "moves", "no", "There is one position; record several."),
         ({"M": 1}, "moves", "no", "There is one object; record several."),
-        ({"repeats": 1, "sessions": 3}, "beliefs", "no", "One tap per class to judge on"),
+        ({"repeats": 1, "sessions": 3}, "beliefs", "no", "One tap per class is left to judge on"),
         ({"repeats": 3, "sessions": 2}, "single taps", "partly", "3 taps per class to train with are too few"),
         ({"repeats": 9, "sessions": 1}, "single taps", "partly", "48 taps to test with give ±0.1"),
         ({"repeats": 8, "sessions": 1}, "single taps", "partly", "4 taps per class to train with are too few"),
