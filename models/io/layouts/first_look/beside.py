@@ -102,8 +102,12 @@ def _layout(path: Path, how: TapMap) -> tuple[str, ...]:
     return kind, f"{len(cells)} numbers" if 2 * numbers >= len(cells) else _NUMBER.sub("#", line)
 
 
-def is_row(names: Sequence[str]) -> bool:
-    """Whether names of columns are cells of a row: half of them numbers, which do not count."""
+def is_row(contents: Contents) -> bool:
+    """Whether names of columns are cells of a row: half of them numbers that do not count, and all above numbers."""
+    names = contents.columns
+    of_numbers = [name for name, of in contents.variables.items() if of.dtype.kind == "f"]
+    if not all(map(_NUMBER.match, of_numbers)):
+        return False
     numbers = [name for name in names if _NUMBER.fullmatch(name)]
     counted_up = all(name.isdecimal() for name in numbers) and len({int(n) - i for i, n in enumerate(numbers)}) == 1
     return 2 * len(numbers) >= len(names) > 0 and not (counted_up and len(numbers) > 1)
@@ -242,7 +246,7 @@ def _columns(file: SourceFile, how: TapMap) -> dict[str, NDArray[Any]]:
     for written in (TextTable(decimal=how.decimal), TextTable(), how.text_table):
         with suppress(InputError):
             contents = open_contents(file.path, written, None, 1)
-            if contents.table and written.header and is_row(contents.columns):
+            if contents.table and written.header and is_row(contents):
                 continue
             return {name: of for name, of in contents.read(list(contents.variables))[0].items() if np.ndim(of) == 1}  # pyright: ignore
     return {}

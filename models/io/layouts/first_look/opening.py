@@ -41,7 +41,7 @@ def opened(path: Path, how: TapMap, guesses: list[Guess]) -> tuple[TapMap, Conte
         written, contents = found
     else:
         written = how
-        if isinstance(contents, TextContents) and how.header and is_row(contents.columns):
+        if isinstance(contents, TextContents) and how.header and is_row(contents):
             written = how.changed(header=False)
             contents = open_contents(path, written.text_table, how.format, BLOCKS)
     reasons = {"comment": "lines before the table", "skip_rows": "lines before the table"}
@@ -70,7 +70,7 @@ def _opened_below(path: Path, how: TapMap) -> tuple[TapMap, Contents] | None:
             except InputError:
                 continue
             kinds = [of.dtype.kind for of in contents.variables.values()]
-            if is_row(contents.columns) if header else any(kind != "f" for kind in kinds[1:]):
+            if is_row(contents) if header else any(kind != "f" for kind in kinds[1:]):
                 continue
             if "f" in kinds and (len(kinds) > 1 or not start.get("skip_rows")):
                 return written, contents

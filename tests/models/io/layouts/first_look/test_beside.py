@@ -206,3 +206,12 @@ def test_refusals(tmp_path):
     for name, why in (("nothere", "no such file"), ("empty", "no file"), ("linked", "cannot read")):
         with pytest.raises(InputError, match=rf"{name}.*{why}"):
             look([tmp_path / name], TapMap())
+
+
+def test_numbers_may_be_names_where_others_are_words(tmp_path):
+    """As pandas writes a frame with its index and numbered columns."""
+    path = tmp_path / "a.csv"
+    path.write_text(",tap,label,0,1,2\n0,1,cup,0.5,1.5,2.5\n1,2,cup,3.5,1.5,2.5\n2,3,rod,0.5,1.5,2.5\n")
+    assert "header = false" not in look([path], TapMap())
+    path.write_text("14:02:11,497,515\n14:02:12,498,515\n14:02:13,499,515\n")
+    assert "header = false" in look([path], TapMap())
