@@ -186,7 +186,8 @@ def _labels(labels: Sequence[str], vectors: Mapping[str, int], of_objects: bool)
         fitting = [each for each in labels if like(key, _own(each))]
         if fitting:
             found.append(Guess(key, fitting[0], f"its name, and one value for each of {vectors[fitting[0]]} taps"))
-    if len(labels) == 1 and not any(guess.key == "what" for guess in found):
+    rest = [each for each in labels if not re.search("time|stamp", _own(each), re.IGNORECASE)]
+    if len(labels) == len(rest) == 1 and not any(guess.key == "what" for guess in found):
         found.append(Guess("what", labels[0], f"the only array with one value for each of {vectors[labels[0]]} taps"))
     return found
 
