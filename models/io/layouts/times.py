@@ -30,6 +30,7 @@ _DATE = r"(?P<d>\d{1,2})\.(?P<m>\d{1,2})\.(?P<y>\d{4})|(?P<Y>\d{4})(?P<sign>[-/]
 _TIME = r"(?P<h>\d{1,2}):(?P<min>\d\d)(?::(?P<s>\d\d)(?:[.,](?P<f>\d{1,9})\d*)?)?"
 _ZONE = r"(?P<zone>[+-])(?P<hours>\d\d):?(?P<minutes>\d\d)"
 _CLOCK = re.compile(rf"(?:{_DATE})?[ T_]*(?:{_TIME})?(?:Z|{_ZONE})?")
+_DAY_S = 86400.0
 _SINCE = re.compile(r"(\w+) since (.+)")
 _CF = {"day": 86400.0, "hour": 3600.0, "minute": 60.0, "second": 1.0}
 _CF |= {"millisecond": 1e-3, "microsecond": 1e-6, "nanosecond": 1e-9}
@@ -141,7 +142,7 @@ def since_date(numbers: NDArray[np.float64], unit: str) -> NDArray[np.float64] |
 
 
 def _of_texts(key: str, name: str, values: NDArray[Any]) -> NDArray[np.float64]:
-    """Seconds from numbers with units, since 1970 from dates with times of day, or since midnight from these alone."""
+    """Seconds from numbers with units, from dates since 1970, or from times of day alone since the first midnight."""
     if (numbers := _with_units(values)) is not None:
         return numbers
     try:
@@ -150,11 +151,18 @@ def _of_texts(key: str, name: str, values: NDArray[Any]) -> NDArray[np.float64]:
             times = values.astype("datetime64[ns]")
     except (ValueError, UserWarning):
         try:
-            times = np.array([_time(text.strip()) for text in values.reshape(-1).tolist()]).reshape(values.shape)
+            times = np.array([_time(text.strip(" \t[]()")) for text in values.reshape(-1).tolist()]).reshape(
+                values.shape
+            )
         except ValueError as error:
             wanted = "numbers or times such as 0.25 s, 2026-11-26 10:00:00.25, 26.11.2026 10:00 or 10:00:00.25"
             raise InputError(f"{option(key)}: {name} holds {error}, not {wanted}.") from None
-    return np.where(np.isnat(times), np.nan, times.astype(np.int64) / 1e9)
+    seconds = np.where(np.isnat(times), np.nan, times.astype(np.int64) / 1e9)
+    if (
+        seconds.ndim == 1 and np.nanmax(seconds, initial=0) < _DAY_S
+    ):  # without dates: what falls by hours is another day
+        seconds[1:] += _DAY_S * np.cumsum(np.diff(seconds) < -_DAY_S / 2)
+    return seconds
 
 
 def _with_units(values: NDArray[Any]) -> NDArray[np.float64] | None:

@@ -26,6 +26,7 @@ AT = 1795687200.25  # 2026-11-26 10:00:00.25 in Greenwich
         ("2026-11-26", AT - 36000.25),
         ("26.11.2026", AT - 36000.25),
         ("9:05:07.5", 32707.5),
+        ("[09:05:07.5]", 32707.5),
         ("10:00:00.123456789", 36000.123456789),
         ("23:59", 86340.0),
         ("0.005 sec", 0.005),
@@ -216,3 +217,14 @@ def test_times_of_data_sets_have_a_unit_since_a_date(tmp_path):
     assert in_seconds("time", "t", np.array([1.5]), "hours since 1970-01-02") == 86400 + 5400
     with pytest.raises(InputError, match="t is in 'months since 2026-01-01'"):
         in_seconds("time", "t", np.array([1.5]), "months since 2026-01-01")
+
+
+def test_clock_times_without_a_date_go_on_at_midnight(tmp_path):
+    """Within a tap as well."""
+    clock = [
+        f"{(86399700 + 10 * n) % 86400000 // 3600000:02}:{(86399700 + 10 * n) // 60000 % 60:02}" for n in range(60)
+    ]
+    clock = [f"{text}:{(86399700 + 10 * n) % 60000 / 1000:06.3f}" for n, text in enumerate(clock)]
+    taps = load_mapped(timed(tmp_path / "a.csv", clock), TAPS.changed(tap="file")).taps
+    assert (clock[29], clock[30]) == ("23:59:59.990", "00:00:00.000")
+    assert taps.preprocessing.rate_hz == 100
