@@ -53,7 +53,8 @@ def times_of(read: FileRead) -> tuple[NDArray[np.float64] | None, str]:
     stated = how.time_unit or time_unit(named, read.contents.variables[named].unit)
     unit = stated or unit_since_1970(as_known(found)) or "s"
     times = in_seconds("time", named, found, unit)
-    rows, samples = len(read.signal.samples), {len(tap) for tap in read.signal.samples if read.signal.cut}
+    rows = len(read.signal.samples)
+    samples = {len(tap) for tap in read.signal.samples} if read.signal.cut else ()
     if times.shape not in {(rows,), *((J,) for J in samples), *((rows, J) for J in samples)}:
         raise InputError(f"time (--time): {named} has shape {times.shape}, expected one value for each row or tap.")
     return times, unit
