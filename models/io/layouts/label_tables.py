@@ -118,8 +118,9 @@ class LabelTables:
         if len(values) == 1 and by:
             return str(values[0])
         these, place = tuple(among.tolist()), (str(column.path), column.name)
-        counts = [] if source.by else self._contrary(source, column, among, both, found)
-        counts = counts or ([] if source.by else _names_columns(column, contents))
+        counts: list[str] = []
+        if not source.by:
+            counts = self._contrary(source, column, among, both, found) or _names_columns(column, contents)
         alone = list(about.rows.values()).count(about.rows[file.path]) == 1 if by else len(self.files) == 1
         if len(values) == rows and alone and not counts:
             return values
@@ -178,11 +179,11 @@ class LabelTables:
         key = column.columns[source.by]
         if source.own:
             in_names = all(source.own.casefold() in file.fields for file in files)
-            return (
-                FileRows(rows_by_field(key, source.own, files), f"its column {source.by}") if in_names else FileRows({})
-            )
-        rows = rows_by_key(source.by, key, files)
-        return FileRows(rows, f"its column {source.by}") if any(rows.values()) else FileRows({})
+            rows = rows_by_field(key, source.own, files) if in_names else {}
+        else:
+            rows = rows_by_key(source.by, key, files)
+            in_names = any(rows.values())
+        return FileRows(rows, f"its column {source.by}") if in_names else FileRows({})
 
     def shared(self, source: LabelSource, file: SourceFile, contents: Contents) -> dict[str, str]:
         """Columns of a table that tell its rows apart, beside that of the labels, and the variables of a file they are.

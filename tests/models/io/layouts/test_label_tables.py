@@ -565,3 +565,16 @@ def test_a_table_may_list_taps_that_are_not_kept(tmp_path, keep):
     how = {"files": "a.txt", "taxels": "p", "tap": "n", "keep": keep, "length": "shortest"}
     kept = {0: "cup", 2: "pot", 3: "can"} if keep == "ok=1" else {0: "cup", 1: "rod"}
     assert found(tmp_path, "thing\ncup\nrod\npot\ncan\n", **how) == kept
+
+
+def test_numbers_of_all_files_in_another_order_than_the_rows_may_count_something_else(tmp_path):
+    """As an order of presentation does; names of files that are called after the column tell."""
+    written(tmp_path, ["rec_1.txt", "rec_2.txt", "rec_3.txt"])
+    table = "run,thing\n3,cup\n1,rod\n2,pot\n"
+    with pytest.raises(InputError, match="by its column run its rows are in another order than the taps"):
+        found(tmp_path, table)
+    assert found(tmp_path, table, what="labels.csv:thing:run") == {0: "rod", 1: "pot", 2: "cup"}
+    assert found(tmp_path, table, what="labels.csv:thing:order") == {0: "cup", 1: "rod", 2: "pot"}
+    for number in (1, 2, 3):
+        (tmp_path / f"rec_{number}.txt").rename(tmp_path / f"run_{number}.txt")
+    assert found(tmp_path, table) == {0: "rod", 1: "pot", 2: "cup"}
