@@ -91,7 +91,7 @@ def _which(alike: Sequence[str], variables: Mapping[str, Variable]) -> str:
         return "the largest array of numbers"
     lists = [each for each, of in variables.items() if each not in alike and _length(of) == len(alike)]
     lists = [each for each in lists if not like("time", _own(each)) and len(variables[alike[0]].shape) < len(TAP_AXES)]
-    told = f"; {lists[0]} has one value for each: write those into a table, what = TABLE.csv" if lists else ""
+    told = f"; {lists[0]} has one value for each, and may be a label of them" if lists else ""
     return f"{len(alike)} large arrays of numbers, called alike{told}"
 
 

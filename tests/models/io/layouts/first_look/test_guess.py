@@ -69,7 +69,7 @@ def test_labels_of_as_many_arrays_as_an_axis_is_long_are_those_of_the_arrays(tmp
     text, how = looked(tmp_path, tmp_path / "r.h5")
 
     assert (how.taps, how.tap, how.axes, how.what) == ("trial{trial}", "file", "sample,taxel", None)
-    assert "labels has one value for each: write those into a table" in text
+    assert "labels has one value for each, and may be a label" in text
     assert "12 taps, 7 samples x 12 taxels" in text
 
 
