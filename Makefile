@@ -23,7 +23,7 @@ test-all: $(VENV)/.ready-dev
 check: $(VENV)/.ready-dev
 	@$(PY) -m ruff check .
 	@$(PY) -m ruff format --check .
-	@$(PY) -m pyright
+	@$(PY) -m pyright --threads
 	@# import-linter reads packages as they are installed, not as they are mapped from folders.
 	@rm -rf build/imports && mkdir -p build/imports && cp -R solidtouch build/imports/
 	@cp -R models hardware inference analysis cli build/imports/solidtouch/
@@ -153,10 +153,10 @@ help:
 $(VENV)/.ready-run: pyproject.toml constraints.txt
 	@./.ci/make-venv $(VENV)
 	@echo "Installing solidtouch into $(VENV) ..."
-	@./.ci/quietly $(PY) -m pip install --disable-pip-version-check -c constraints.txt -e .
+	@./.ci/install $(VENV) -e .
 	@touch $@
 
 $(VENV)/.ready-dev: $(VENV)/.ready-run
 	@echo "Installing what the tests need into $(VENV) ..."
-	@./.ci/quietly $(PY) -m pip install --disable-pip-version-check -c constraints.txt --group dev
+	@./.ci/install $(VENV) --group dev
 	@touch $@
