@@ -17,7 +17,7 @@ _QUICK: dict[str, Any] = {
     "replicates": 15,
     "simulations": 39,
     "tuned_simulations": 0,
-    "most_taps": 10,
+    "most_taps": 8,
     "components": False,
 }
 
