@@ -34,10 +34,8 @@ powers = st.sampled_from(["J", "JK", "none", 0.3])
 SIZES = [
     (1, 3, 2, 4, 6, 5),
     (3, 1, 4, 2, 5, 6),
-    (4, 2, 5, 3, 1, 6),
+    (4, 2, 5, 1, 1, 3),
     (2, 5, 1, 6, 3, 4),
-    (5, 4, 3, 1, 2, 6),
-    (6, 2, 4, 5, 3, 1),
 ]
 """L, M, K, J, B and taps, few of them, as all engines compile for each."""
 
@@ -198,7 +196,7 @@ def assert_enumerated(model, taps, deltas, border, log_evidence, smoothed):
 
 
 @pytest.mark.parametrize("border", KERNEL_BORDERS)
-@pytest.mark.parametrize("sizes", [(2, 3, 4, 1, 5, 3), (4, 1, 2, 5, 6, 3), (1, 3, 2, 5, 6, 2), (1, 1, 2, 3, 4, 2)])
+@pytest.mark.parametrize("sizes", [(2, 3, 4, 1, 5, 3), (4, 1, 2, 5, 6, 2), (1, 3, 2, 5, 6, 2), (1, 1, 2, 3, 4, 2)])
 @pytest.mark.parametrize("pseudocount", [0.0, 0.3])
 def test_enumerated_sequences_agree_with_all_paths(make_model, draw_samples, rng, border, sizes, pseudocount):
     """Smoothed posteriors and evidence are the sums over all paths, filtered ones those of the recursion."""
@@ -216,9 +214,9 @@ def test_enumerated_sequences_agree_with_all_paths(make_model, draw_samples, rng
 def test_enumerated_sequences_hold_every_power(make_model, draw_samples, power):
     """The exponent scales every tap, not the moves."""
     model = make_model(2, 3, 4, 1, 5, power=power, seed=4)
-    taps = draw_samples(model, 2)
-    posterior = enumerate_sequence(model, taps, [-1], "clamp")
-    log_evidence, smoothed = over_all_paths(model.log_likelihood(taps), model.log_prior, [-1], "clamp")
+    taps = draw_samples(model, 3)
+    posterior = enumerate_sequence(model, taps, [-1, 1], "clamp")
+    log_evidence, smoothed = over_all_paths(model.log_likelihood(taps), model.log_prior, [-1, 1], "clamp")
 
     np.testing.assert_allclose(posterior.smoothed, smoothed, rtol=0, atol=1e-10)
     assert posterior.log_evidence[-1] == pytest.approx(log_evidence, abs=1e-10)
@@ -260,14 +258,15 @@ def two_objects(make_model, peak, pseudocount, power="none", J=1):
 
 def test_enumerated_sequences_that_outweigh_the_stand_in_for_zero_are_refused(make_model):
     """Where the only possible paths are as unlikely as an impossible one, the answer would be wrong without a sign."""
-    model = two_objects(make_model, 10**6, 0.01, J=20)
-    taps = np.repeat([-1.0, 1.0], 2)[:, None, None] * np.ones((4, 20, 1))
-    log_beliefs, _ = follow(make_engine("numpy", model), taps, [0] * 3)
+    model = two_objects(make_model, 10**6, 0.01, J=40)
+    taps = np.array([-1.0, 1.0])[:, None, None] * np.ones((2, 40, 1))
+    log_beliefs, _ = follow(make_engine("numpy", model), taps, [0])
+    alike, _ = follow(make_engine("numpy", model), taps[[0, 0]], [0])
 
     np.testing.assert_allclose(np.exp(log_beliefs[-1]), [[0.5, 0.5]])
-    with pytest.raises(SequenceUnderflowError, match="Enumerating 4 taps at once underflowed, as funsor contracts"):
-        enumerate_sequence(model, taps, [0] * 3)
-    np.testing.assert_allclose(enumerate_sequence(model, taps[:2], [0]).filtered, np.exp(log_beliefs[:2]), atol=1e-10)
+    with pytest.raises(SequenceUnderflowError, match="Enumerating 2 taps at once underflowed, as funsor contracts"):
+        enumerate_sequence(model, taps, [0])
+    np.testing.assert_allclose(enumerate_sequence(model, taps[[0, 0]], [0]).filtered, np.exp(alike), atol=1e-10)
 
 
 def test_enumerated_sequences_that_are_impossible_are_refused(make_model):

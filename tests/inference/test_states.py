@@ -156,7 +156,10 @@ def test_the_filter_is_bayes_rule_over_where_what_and_state(case, border):
 @pytest.mark.parametrize(
     ("theta_x", "border", "device"),
     [
-        *((*case, device) for case in [*((0.0, b) for b in ALLOWED), (0.4, "uniform")] for device in DEVICES),
+        *((0.0, border, "cpu") for border in ALLOWED),
+        *((0.0, border, "xla-cpu") for border in ("uniform", "uniform_what")),
+        *(pytest.param(0.0, border, "xla-cpu", marks=pytest.mark.slow) for border in ("clamp", "circular")),
+        *((0.4, "uniform", device) for device in DEVICES),
         (1.0, "clamp", "cpu"),
     ],
 )

@@ -17,7 +17,7 @@ from solidtouch.models.io.joining import joined
 from solidtouch.models.io.layouts.formats.contents import TextTable
 from solidtouch.models.io.layouts.formats.numpy_files import open_npz
 from solidtouch.models.io.load import load_taps
-from solidtouch.models.measurement import gaussian, profile, profile_ar, profile_mvn, smooth, student
+from solidtouch.models.measurement import gaussian, matrix_normal, profile, profile_ar, profile_mvn, smooth, student
 from solidtouch.models.measurement.fits.priors import CellPrior
 from solidtouch.models.measurement.registry import fit_model
 from solidtouch.models.settings import FitSettings
@@ -46,6 +46,19 @@ def on_disk(request, monkeypatch, tmp_path):
         return TapSet.load(path, missing)
 
     return opened
+
+
+def each_in_blocks(first, *others):
+    """The first model in blocks of every size, the others in those of some taps; the rest is slow."""
+    return pytest.mark.parametrize(
+        ("name", "on_disk"),
+        [
+            pytest.param(name, size, id=f"{name}-{label}", marks=[pytest.mark.slow] * (name != first and size[0] != 5))
+            for name in (first, *others)
+            for label, size in SIZES.items()
+        ],
+        indirect=["on_disk"],
+    )
 
 
 def write_zarr(taps, path):
@@ -94,7 +107,7 @@ def given_prior(monkeypatch):
         monkeypatch.setattr(module, "estimated_prior", lambda *_: CellPrior(0.0, 0.0, np.full(K, 2.0), np.full(K, 2.0)))
 
 
-@pytest.mark.parametrize("name", ["gaussian", "profile", "profile-ar", "profile-mvn", "smooth", "session:profile"])
+@each_in_blocks("profile-mvn", "gaussian", "profile", "profile-ar", "smooth", "session:profile")
 def test_sums_of_blocks_make_the_same_model(on_disk, given_prior, make_taps, name):
     """Where sufficient statistics are sums, up to the rounding of sums in parts."""
     taps = make_taps(M=2, repeats=2)
@@ -127,6 +140,7 @@ def test_a_fit_holds_few_blocks_at_a_time(make_taps, tmp_path, monkeypatch, name
     size = taps.samples.nbytes
     monkeypatch.setattr(storage, "ON_DISK", 0)
     monkeypatch.setattr(blocks, "BLOCK", size // 50)
+    monkeypatch.setattr(matrix_normal, "_ROUNDS", 12)
     monkeypatch.setattr(student, "_STEPS", 100)
     monkeypatch.setattr(student, "_RUNS", 1)
     large = TapSet.load(tmp_path / "taps.nc")
@@ -148,7 +162,7 @@ def test_a_large_recording_has_nearly_the_same_prior(on_disk, make_taps):
     same_arrays(fitted(on_disk(taps), "profile"), expected, 1e-2)
 
 
-@pytest.mark.parametrize("name", ["gaussian", "profile"])
+@each_in_blocks("gaussian", "profile")
 def test_sums_leave_missing_samples_out(on_disk, given_prior, make_taps, name):
     """A class without any sample of a taxel is refused by the sentence that says so in memory."""
     taps = with_gaps(make_taps(M=2, repeats=2))
@@ -176,7 +190,7 @@ def test_missing_samples_are_left_out_alike(on_disk, make_taps):
     np.testing.assert_array_equal(training_taps(large.select(slice(0, 25)), expected.training), known)
 
 
-@pytest.mark.parametrize("name", ["histogram", "gaussian", "profile"])
+@each_in_blocks("profile", "histogram", "gaussian")
 def test_tables_of_trials_are_the_same(on_disk, make_taps, name):
     """Likelihoods of test taps are computed from blocks, in the order of the taps, also with missing samples."""
     taps = with_gaps(make_taps(M=2, repeats=4))

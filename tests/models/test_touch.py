@@ -84,7 +84,13 @@ STATES = States(np.array([1.0, 1.3, 0.8, 1.1, 1.0]), np.array([0.0, 0.2, -0.1, 0
 
 @pytest.mark.parametrize(
     ("name", "at_once"),
-    [("histogram", 2**23), ("profile-ar", 2**23), ("matrix-normal", 2**23), ("histogram", 300), ("matrix-normal", 300)],
+    [
+        ("histogram", 2**23),
+        ("profile-ar", 2**23),
+        pytest.param("matrix-normal", 2**23, marks=pytest.mark.slow),
+        ("histogram", 300),
+        ("matrix-normal", 300),
+    ],
 )
 def test_any_model_is_enumerated_over_where_session_and_what(make_taps, monkeypatch, name, at_once):
     """Whether all hypotheses fit into memory at once or a few at a time; with a belief that tells states apart."""

@@ -165,7 +165,12 @@ def test_fresh_trials_are_played_on_the_processor_only(table, plan):
 
 
 @pytest.mark.parametrize(
-    ("theta_x", "border", "slots"), [(*variant, 7) for variant in VARIANTS[:-1]] + [(*VARIANTS[-1], 64)]
+    ("theta_x", "border", "slots"),
+    [
+        *((*variant, 7) for variant in VARIANTS[:-1] if variant[1] in ("prior", "clamp")),
+        *(pytest.param(*v, 7, marks=pytest.mark.slow) for v in VARIANTS[:-1] if v[1] not in ("prior", "clamp")),
+        (*VARIANTS[-1], 64),
+    ],
 )
 def test_arrays_decide_as_loops_do(monkeypatch, play, theta_x, border, slots):
     """The code for graphics processors, on the processor: in slots that are refilled and in more slots than trials."""

@@ -33,7 +33,9 @@ def table_of(mixed=False, misled=()):
     return TapTable(values, pool, prior - np.logaddexp.reduce(prior.ravel()), session=session + 5)
 
 
-@pytest.mark.parametrize("border", ["uniform", "clamp", "circular"])
+@pytest.mark.parametrize(
+    "border", [*(pytest.param(b, marks=pytest.mark.slow) for b in ("uniform", "clamp")), "circular"]
+)
 def test_every_route_plays_the_same_trials(border):
     """Loops, arrays and lockstep."""
     table = table_of()

@@ -339,9 +339,9 @@ def told_apart(names: Sequence[str]) -> tuple[str, ...]:
     >>> told_apart(["t", "Force [N]", "Force [N]", "a", "a", "a.1"])
     ('t', 'Force.0 [N]', 'Force.1 [N]', 'a.0', 'a.2', 'a.1')
     """
-    known, found = set(names), list[str]()
+    times, known, found = Counter(names), set(names), list[str]()
     for name in names:
-        if names.count(name) > 1:
+        if times[name] > 1:
             bare = name_and_unit(name)[0]
             numbered = (f"{bare}.{n}{name[len(bare) :]}" for n in count())
             found.append(next(each for each in numbered if each not in known))

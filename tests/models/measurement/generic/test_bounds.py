@@ -64,9 +64,31 @@ SCIPY = {
 }
 
 
-@pytest.mark.parametrize("distribution", SCIPY)
-def test_bounds_may_be_latent(distribution, taps):
+@pytest.fixture
+def by_hand(monkeypatch):
+    """Latent variables are set and not fitted, which takes a second of compiling."""
+
+    def near(fit, _):
+        values = {"width": np.random.default_rng(3).uniform(2.0, 4.0, size=(L, M, K)), "lowest": np.array(-2.0)}
+        return fits.GuidePosterior(values, lambda _: values, fits.Convergence(True, "Set by hand.", {}))
+
+    monkeypatch.setattr(fits, "posterior", near)
+
+
+@pytest.mark.parametrize(
+    ("distribution", "fitted"),
+    [
+        (truncated, True),
+        (shifted, False),
+        (beyond, False),
+        pytest.param(shifted, True, marks=pytest.mark.slow),
+        pytest.param(beyond, True, marks=pytest.mark.slow),
+    ],
+)
+def test_bounds_may_be_latent(distribution, fitted, taps, request):
     """Likelihoods are those of SciPy, -inf under classes that exclude a sample."""
+    if not fitted:
+        request.getfixturevalue("by_hand")
     model = st.fit(taps, story_of(distribution), **quick)
     opened = model.edges.copy()
     opened[0], opened[-1] = -np.inf, np.inf
@@ -101,12 +123,12 @@ class Sixfold(dist.Exponential):
         return 6 * super().cdf(value)
 
 
-def test_probabilities_above_1_are_refused(taps):
+def test_probabilities_above_1_are_refused(taps, by_hand):
     with pytest.raises(InputError, match=r"bounded gives position 0 and object 0 .* above 1; .* Sixfold, and"):
         st.fit(taps, story_of(lambda width, lowest, floor: Sixfold(5 / width + 0.0 * (lowest + floor))), **quick)
 
 
-def test_a_table_without_numbers_is_not_opened(taps, tmp_path, monkeypatch):
+def test_a_table_without_numbers_is_not_opened(taps, by_hand, tmp_path, monkeypatch):
     """NaN stands for untrained classes alone."""
     monkeypatch.setattr(source, "_registered", {})
     model = st.fit(taps, story_of(shifted), **quick)

@@ -67,12 +67,17 @@ def test_vectors_are_made_of_independent_numbers():
     points = stats.qmc.Sobol(3, rng=np.random.default_rng(0)).random(1024)
     covariance = np.array([[2.0, 0.6, 0.1], [0.6, 1.0, -0.4], [0.1, -0.4, 0.5]])
     mean, weight = np.array([1.0, -1.0, 0.0]), np.array([0.5, 2.0, 4.0])
-    with jax.enable_x64(True):
+
+    @jax.jit
+    def made(points):
         lower = dist.transforms.LowerCholeskyAffine(mean, jnp.linalg.cholesky(covariance))
         normal = dist.MultivariateNormal(mean, covariance).expand([1024])
         same = dist.TransformedDistribution(dist.Normal(0.0, 1.0).expand([1024, 3]).to_event(1), lower)
-        found = at_quantiles(normal, points), at_quantiles(same, points)
-        vectors, also, shares = map(np.asarray, (*found, at_quantiles(dist.Dirichlet(weight).expand([1024]), points)))
+        dirichlet = dist.Dirichlet(weight).expand([1024])
+        return [at_quantiles(distribution, points) for distribution in (normal, same, dirichlet)]
+
+    with jax.enable_x64(True):
+        vectors, also, shares = map(np.asarray, made(points))
 
     np.testing.assert_allclose(vectors.mean(axis=0), mean, atol=5e-3)
     np.testing.assert_allclose(np.cov(vectors.T), covariance, atol=0.02)

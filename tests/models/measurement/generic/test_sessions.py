@@ -125,8 +125,17 @@ def test_a_tap_is_judged_in_the_session_after_those_of_training(shift_of, fitted
         np.testing.assert_allclose(states, np.broadcast_to(likely.T[:, None, None], states.shape), rtol=1e-6)
 
 
-@pytest.mark.parametrize("samples", ["exchangeable", "rising", "either"])
-@pytest.mark.parametrize("shift_of", [trend, walk])
+@pytest.mark.parametrize(
+    ("shift_of", "samples"),
+    [
+        (trend, "exchangeable"),
+        (walk, "rising"),
+        (trend, "either"),
+        pytest.param(walk, "exchangeable", marks=pytest.mark.slow),
+        pytest.param(trend, "rising", marks=pytest.mark.slow),
+        pytest.param(walk, "either", marks=pytest.mark.slow),
+    ],
+)
 def test_training_taps_are_judged_and_replicated_in_their_own_session(shift_of, samples, fitted):
     taps, fit, _ = fitted(shift_of, samples)
     shift, session = np.array(SHIFT[shift_of]), np.searchsorted([2, 5, 9], taps.session)
