@@ -65,14 +65,15 @@ def test_an_edit_elsewhere_keeps_the_names_of_errors():
 
 def test_samples_grow_and_mix_kinds():
     """The first of many are those of a small one; no figure, and all packages take part."""
-    few, many = (mutants.sample(number, "s.py") for number in (20, 120))
+    few, many = (mutants.sample(number, "l.py") for number in (20, 120))
     assert many[:20] == few
     assert len({one.kind for one in few}) > 10
     assert {one.module.partition("/")[0] for one in many} == {"models", "hardware", "inference", "analysis"}
     assert not [one for one in many if "figure" in one.module]
-    assert all(one.module.endswith("s.py") for one in many)
+    assert all(one.module.endswith("l.py") for one in many)
 
 
+@pytest.mark.slow
 def test_tests_of_a_module_come_first():
     """The mirrored file, then those that import the module, also through helpers, then those of its users.
 

@@ -61,6 +61,7 @@ def test_all_benchmarks_run_and_fill_their_page(tmp_path):
     assert (tmp_path / "images" / "performance.svg").is_file()
 
 
+@pytest.mark.slow
 def test_one_work_can_be_measured_into_another_page(tmp_path):
     """With the machine; the rest of the page stays."""
     page = tmp_path / "page.md"

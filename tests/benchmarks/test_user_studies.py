@@ -76,7 +76,7 @@ def test_a_session_is_integrated_over_its_shift(shifted, rng, monkeypatch):
     model, values = fitted.model, known(None, None).values
     session = taps.select(taps.session == 1)
     own = session.indices(model.grid)
-    shifts = np.linspace(-4, 4, 241)
+    shifts = np.linspace(-4, 4, 81)
 
     def at(shift):
         latents = values | {"shift": np.append(values["shift"], [[shift]], axis=0)}
@@ -122,7 +122,9 @@ def test_taps_of_a_users_model_are_won_by_it():
 # Simulation-based calibration --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", user_sbc.STORIES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name == "two_levels")) for name in user_sbc.STORIES]
+)
 def test_the_log_density_by_hand_is_that_of_the_story(name):
     begun = user_sbc.fit_of(name, user_sbc.SIZES)
     drawn, samples = sbc.from_story(lambda: begun.story(begun.batch), 3, 1)
@@ -176,6 +178,7 @@ def test_ranks_of_a_users_model_are_those_of_its_fit(method, monkeypatch):
 # The rule of variational fits --------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_fit_that_has_hardly_begun_is_far_from_the_long_one(monkeypatch):
     for name, value in {"_AT_ONCE": 20, "TRIED": 20, "STEPS": 40, "_WINDOW": 10, "RUNS": 2, "STARTS": 1}.items():
         monkeypatch.setattr(fits, name, value)

@@ -297,7 +297,7 @@ def test_files_that_do_not_fit_are_named(command, unlike):
 
 def test_files_with_other_positions_are_compared(command, unlike, sketched):
     """Sessions are left out of both together; a single model is named."""
-    words = ("--models", "histogram", "--draws", 100, "--trials", 20, "--thresholds", 0.5, "--out", unlike / "out")
+    words = ("--models", "histogram", "--draws", 0, "--trials", 20, "--thresholds", 0.5, "--out", unlike / "out")
     done = command("compare", unlike / "taps.nc", unlike / "long.nc", "--training-taps", *words)
 
     assert done.code == 0, done.err

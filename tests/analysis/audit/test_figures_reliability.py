@@ -46,7 +46,9 @@ def wanted(error, target):
     )
 
 
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(
+    "case", [pytest.param(case, marks=[pytest.mark.slow] * (case == "never wrong")) for case in CASES]
+)
 def test_figures_are_drawn(case):
     """With a panel for each policy, without a warning."""
     grid, table = CASES[case]

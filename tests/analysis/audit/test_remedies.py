@@ -118,13 +118,14 @@ def test_the_finer_grid_has_twice_as_many_positions(made):
     assert all(remedy.grid.shape == (4, 3) for remedy in made[0][:-1])
 
 
-def test_a_fixation_point_stays_where_it_is(measured, sessions):
+def test_a_fixation_point_stays_where_it_is(measured, sessions, monkeypatch):
     """On the finer grid it has another index; in measurements it is the setting's, not the middle."""
+    monkeypatch.setattr(remedies, "MODELS", {name: MODELS[name] for name in [*MODELS][:1]})
     at_end = SETTING.changed(fixation=3)
     grid = sessions[0].grid()
-    remedies, _ = make_remedies(sessions[0], [sessions[1]], grid, at_end, TAPS, 0, lambda _: None)
-    assert [remedy.setting.play.fixation for remedy in remedies] == [3] * 6 + [6]
-    found = few(remedies[:1], sessions[2], TAPS, 200, 0, lambda _: None)
+    made, _ = make_remedies(sessions[0], [sessions[1]], grid, at_end, TAPS, 0, lambda _: None)
+    assert [remedy.setting.play.fixation for remedy in made] == [3] * 4 + [6]
+    found = few(made[:1], sessions[2], TAPS, 200, 0, lambda _: None)
     assert found.taps != measured.taps
     assert found.scores[0].taps != measured.scores[0].taps
 

@@ -98,7 +98,11 @@ def panels(figure):
     return [axes for axes in figure.axes if axes.get_visible()]
 
 
-@pytest.mark.parametrize("name", CASES)
+SEEN = {"scores, ten models", "scores, one where", "score differences, endless", "curves, one threshold"}
+"""Cases whose kinds of panels another one draws as densely."""
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name in SEEN)) for name in CASES])
 def test_nothing_overlaps(name):
     """Panels with their labels and the key below them stand apart, within the figure, and draw without a warning."""
     figure = drawn(name)

@@ -64,8 +64,8 @@ def test_right_routes_agree(case, border):
 @pytest.mark.parametrize(
     ("sizes", "more"),
     [
-        ((1, 4, 2, 3, 5), {}),
-        ((4, 1, 2, 3, 5), {}),
+        pytest.param((1, 4, 2, 3, 5), {}, marks=pytest.mark.slow),
+        pytest.param((4, 1, 2, 3, 5), {}, marks=pytest.mark.slow),
         ((1, 1, 2, 3, 4), {}),
         ((3, 4, 2, 5, 7), {"untrained": [(1, 1), (0, 2)], "power": "none"}),
         ((3, 4, 2, 5, 7), {"value_range": "taxel", "power": "JK", "pseudocount": 2.0}),
@@ -75,6 +75,12 @@ def test_models_of_all_kinds_pass(make_model, sizes, more):
     """One position, one object, both, untrained classes, bins for each taxel; without sequences, slow to compile."""
     L, M, K, J, B = sizes
     assert run(with_taps(make_model(L, M, K, J, B, **more)), sequence_taps=0).passed
+
+
+@pytest.mark.parametrize(("L", "M"), [(1, 4), (4, 1)])
+def test_one_position_or_object_passes(make_model, compiled_loops_alone, L, M):
+    """Without the routes that compile for every shape."""
+    assert run(with_taps(make_model(L, M, 2, 3, 5)), sequence_taps=0, border="prior").passed
 
 
 def test_single_taps_pass(case, compiled_loops_alone):

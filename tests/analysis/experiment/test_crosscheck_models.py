@@ -89,9 +89,19 @@ def test_models_are_what_their_names_say(models, name):
     assert model.trained.sum() == L * M - 1
 
 
-@pytest.mark.parametrize(
-    ("name", "border"), [pair for pair in product(NAMES, BORDERS) if pair[0] not in IN_STATES or pair[1] != "prior"]
-)
+def by_default(name, border):
+    """Whether `make test` takes it: every model, and every border once without states and once with them."""
+    return border == "uniform" or name in ("gaussian", "session")
+
+
+PAIRS = [
+    pytest.param(name, border, marks=[] if by_default(name, border) else pytest.mark.slow)
+    for name, border in product(NAMES, BORDERS)
+    if name not in IN_STATES or border != "prior"
+]
+
+
+@pytest.mark.parametrize(("name", "border"), PAIRS)
 def test_engines_agree_on_every_model(models, taps, name, border):
     """On taps with outliers and moves beyond the range; the posterior moves, and never to the untrained class."""
     model, rng = models[name], np.random.default_rng(3)
