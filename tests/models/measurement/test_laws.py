@@ -96,8 +96,20 @@ def gap(model, taps):
     return (np.abs(story - fast) / np.maximum(1.0, np.abs(fast))).max()
 
 
-@pytest.mark.parametrize("states", [False, True], ids=["", "session"])
-@pytest.mark.parametrize("kind", KINDS)
+IN_STATES = ("histogram", "profile", "matrix-normal")
+"""Models that are judged in states alone; the others also are, integrated over draws, and here where tests are slow."""
+
+
+@pytest.mark.parametrize(
+    ("kind", "states"),
+    [
+        *(pytest.param(kind, False, id=kind) for kind in KINDS),
+        *(
+            pytest.param(kind, True, id=f"{kind}-session", marks=[pytest.mark.slow] * (kind not in IN_STATES))
+            for kind in KINDS
+        ),
+    ],
+)
 def test_the_fast_likelihood_is_that_of_the_story(fitted, taps, kind, states):
     """Under every trained class and state, for taps near and far, of models fitted to correlated taps."""
     model = in_states(fitted[kind].model) if states else fitted[kind].model

@@ -34,7 +34,7 @@ def found(sources, how):
     return {(taps.what_name[m], x, s, t): tap for (m, x, s, t), tap in zip(keys, taps.taps.tolist(), strict=True)}
 
 
-ANY = settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+ANY = settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 
 
 def rows(recording, order):
