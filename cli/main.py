@@ -35,6 +35,7 @@ with loading():
     from .trials import trials
     from .tune import tune
     from .validate import validate
+    from .view import view
 
 _NO_PATH = (errno.EACCES, errno.ELOOP, errno.ENAMETOOLONG)  # of a path that cannot even be looked at
 _FINGER = "Finger "  # begins a note of `hardware.rig.open_rig`
@@ -54,6 +55,7 @@ _COMMANDS = (
     fit,
     crosscheck,
     perceive,
+    view,
     trials,
     compare,
     audit,

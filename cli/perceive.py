@@ -16,18 +16,14 @@ from .shared.recording import check_record, kept, recording
 from .shared.untrained import untrained
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
+    from ..analysis.live.ending import Ending
     from ..analysis.live.view import Seen
-    from ..hardware.named_rigs import ChosenRig, Placed, Wish
+    from ..hardware.named_rigs import ChosenRig, Wish
     from ..inference import reference
     from ..inference.engines.engine import Engine
     from ..inference.novelty import Novelty
     from ..models.measurement.model import TapModel
     from ..models.setting_file import Setting
-    from .shared.moving import Moves
-    from .shared.showing import Ending, Show
-    from .shared.stopping import Ends
 
 _Theta = Annotated[float, Option("--theta", help="Belief in an object required for a decision; 1 never decides.")]
 _Deadline = Annotated[
@@ -109,6 +105,26 @@ def perceive(
         Path | None,
         Option("--record", metavar="FILE.mcap", help="Record all data of the rig to this file; requires a rig.toml."),
     ] = None,
+    save_episode: Annotated[
+        Path | None,
+        Option("--save-episode", metavar="FILE.json", help="Save all taps and beliefs to this file, for `view`."),
+    ] = None,
+    view: Annotated[bool, Option("--view", help="Show the episodes on a page in the browser.")] = False,
+    view_port: Annotated[
+        int | None, Option("--view-port", min=1, max=65535, help="Port of the page; default: a free one.")
+    ] = None,
+    no_browser: Annotated[bool, Option("--no-browser", help="Print the address of the page and open nothing.")] = False,
+    pace: Annotated[
+        float | None,
+        Option(
+            "--pace",
+            min=0.0,
+            max=3600.0,
+            metavar="SECONDS",
+            help="Minimum time between taps; default: 0.5 in a terminal or on a page if the rig is simulated or "
+            "replayed, otherwise 0.",
+        ),
+    ] = None,
     home: Home = False,
     yes: Yes = False,
     story: Story = None,
@@ -145,6 +161,9 @@ def perceive(
     if record is not None:
         check_record(record, rig, force)
     with loading():
+        from .shared.watching import Watching, watching
+
+        watched = Watching.checked(view, view_port, no_browser, save_episode, force)
         from ..hardware.named_rigs import Wish
         from ..models.io.model_file import load_model
 
@@ -153,9 +172,9 @@ def perceive(
             read.check_model(fitted, str(model), str(setting))
         chosen = _chosen(rig, fitted, Wish(start, what, seed, sensor_seed), training_taps, missing)
         # Also what is needed only later: nothing may be imported while a finger is on its way.
-        from ..analysis.live import view as live_view  # noqa: F401
-        from ..inference.engines.latency import TimedEngine, warm_up
-        from .shared.moving import chances, choose_moves, load_outcomes
+        from ..inference.engines.latency import TimedEngine
+        from .shared.episode_run import EpisodeRun, Pace, default_pace, warmed_up
+        from .shared.moving import choose_moves, load_outcomes
         from .shared.showing import latency_sentence, show
         from .shared.stopping import choose_ends
 
@@ -164,12 +183,14 @@ def perceive(
         moves = choose_moves(name, fitted, play, outcomes, targets)
         ends = choose_ends(stop, play, give_up, fitted, moves.fixation, outcomes)
         novelty, engines = _novelty(fitted, unknown, play.deadline), _engines(engine, fitted, play.border, shadow)
-        warm_up_s = warm_up(engines)
+        warm_up_s = warmed_up(engines, as_json)
+    steady = Pace(default_pace(rig, as_json, view) if pace is None else pace)
     timed = TimedEngine(engines)
-    endings: list[Ending] = []
+    run = EpisodeRun(timed, ends, moves, seed, play.deadline, novelty, unknown, steady)
     with (
         recording(record, rig, fitted.grid, what, episodes * play.deadline, force) as recorder,
-        show(as_json) as shown,
+        show(as_json) as printed,
+        watching(printed, watched) as shown,
     ):
         if rig.endswith(".toml"):
             shown.note(f"Connecting to the rig of {rig}; the finger must touch nothing.")
@@ -178,11 +199,7 @@ def perceive(
                 f"{source.name}, engine {timed.name}, warmed up in {warm_up_s:.1f} s; beliefs follow object and "
                 f"position, moves are in positions{_promised(novelty, unknown)}"
             )
-            for number in range(episodes):
-                run = _Run(timed, ends, moves, chances(seed, number, play.deadline), play.deadline, novelty, unknown)
-                heading = f"{source.name}, engine {timed.name}" + f", episode {number + 1}" * (episodes > 1)
-                endings.append(run.episode(source.place(number), shown, heading))
-                shown.end(number + 1, endings[-1])
+            endings = run.episodes(source, episodes, shown)
         if episodes > 1:
             shown.note(_summary(endings))
         shown.note(latency_sentence(timed.latency(), warm_up_s))
@@ -236,59 +253,6 @@ def _with_setting(context: Context, setting: "Setting", play: PlaySettings, move
         aims = move.partition(":")[0] == "fixation"
         return both.changed(theta_x=0.0, passive=False, fixation=both.fixation if aims else play.fixation)
     return both.changed(passive=both.passive and not (given(context, "theta_x") or given(context, "fixation")))
-
-
-class _Run:
-    """Runs episodes with fixed engine, strategy and stopping rule."""
-
-    def __init__(
-        self,
-        engine: "Engine",
-        ends: "Ends",
-        moves: "Moves",
-        chance: "Iterator[float]",
-        deadline: int,
-        novelty: "Novelty | None",
-        alpha: float | None,
-    ) -> None:
-        self._engine, self._ends, self._moves, self._chance = engine, ends, moves, chance
-        self._deadline, self._novelty, self._alpha = deadline, novelty, alpha
-
-    def episode(self, placed: "Placed", shown: "Show", heading: str) -> "Ending":
-        """Taps until the stopping rule, the deadline or the answer `unknown`."""
-        from ..analysis.live.view import Seen
-        from ..inference.episode import steps
-        from ..inference.novelty import UnknownTest
-        from .shared.showing import Ending
-
-        test = None if self._novelty is None else UnknownTest(self._novelty, self._alpha)
-        doubt = None if test is None else test.add
-        seen = None
-        (policy, point), ends = self._moves, self._ends
-        chance, watch = self._chance, ends.watch
-        made = steps(placed.sensor, self._engine, ends.rule, policy, self._deadline, doubt, chance=chance, watch=watch)
-        for step in made:
-            p, alarm = (None, False) if test is None else (test.p, test.unknown)
-            seen = Seen(step, self._engine.model.grid, ends.theta, point, p, alarm, heading, ends.name)
-            shown.tap(seen)
-            if alarm:
-                break
-        if seen is None:
-            raise InputError("--deadline must be at least 1 tap.")
-        return Ending(seen, _reason(seen), placed.truth())
-
-
-def _reason(seen: "Seen") -> str:
-    """Why an episode ended with this step."""
-    if seen.unknown:
-        return "unknown"
-    if seen.step.no_class_left:
-        return "no class left"
-    if seen.step.gave_up:
-        return "gave up"
-    if seen.step.decision is None:
-        return "deadline"
-    return "rule" if seen.rule else "threshold"
 
 
 def check_picture(path: Path, force: bool) -> None:

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..models.errors import InputError
 from ..models.grid import ClassGrid, episode_sessions
@@ -27,6 +27,7 @@ from .rig.open_rig import connected, unconnected
 from .rig.rig import Rig
 from .rig.settings import RigFile, load_rig
 from .sensor import TouchSensor, check_step
+from .simulator.physics import taxel_positions_mm
 from .simulator.rig import SimulatedRig
 from .simulator.session import sensor_seed
 from .simulator.settings import RigSettings, preset
@@ -127,10 +128,12 @@ class PlaceableRig(NamedTuple):
     Attributes:
         name: Printable name.
         place: Places the sensor at an object; takes the number of the episode, counted from 0.
+        taxel_mm: Places of the taxels in mm, shape (K, 2) or (K, 3), or `None`.
     """
 
     name: str
     place: Callable[[int], Placed]
+    taxel_mm: ArrayLike | None = None
 
 
 type ChosenRig = Callable[[bool, Journal | None], AbstractContextManager[PlaceableRig]]
@@ -268,7 +271,7 @@ def _simulated(rig: str, grid: ClassGrid, wish: Wish) -> PlaceableRig:
         sensor = SimulatedRig(settings, finger, _SESSION, start_mm, what, episode, noise_seed=wish.seed)
         return Placed(sensor, lambda: Truth(names[what], sensor.position_mm))
 
-    return PlaceableRig(f"simulated rig, preset {name}", place)
+    return PlaceableRig(f"simulated rig, preset {name}", place, taxel_positions_mm(settings.taxels))
 
 
 def _replayed(
@@ -300,7 +303,7 @@ def _replayed(
         sensor = ReplayRig(taps, whole, start, what, chance, session=session)
         return Placed(sensor, lambda: Truth(names[what], float(grid.where_value[sensor.where_index])))
 
-    return PlaceableRig(f"taps of {Path(path).name}", place)
+    return PlaceableRig(f"taps of {Path(path).name}", place, taps.taxel_mm)
 
 
 def _checked(rig: str, grid: ClassGrid, wish: Wish) -> RigFile:
@@ -342,7 +345,7 @@ def _real(
                 labelled.what = None if what is None else table.index(what)
                 return Placed(labelled, lambda: Truth(what, sensor.place_mm))
 
-            yield PlaceableRig(settings.name, place)
+            yield PlaceableRig(settings.name, place, settings.sensor.positions_mm or None)
 
 
 def _object(sensor: Rig, grid: ClassGrid, wish: Wish, episode: int) -> str | None:

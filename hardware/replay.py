@@ -113,6 +113,11 @@ class ReplayRig:
         return self._step
 
     @property
+    def taxel_mm(self) -> NDArray[np.float64] | None:
+        """Places of the taxels in mm, shape (K, 2) or (K, 3), or `None` where the recording has none."""
+        return self._taps.taxel_mm
+
+    @property
     def room(self) -> tuple[int, int]:
         """Steps left to either end of the range."""
         return self.where_index, self._last - self.where_index

@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 from ..hardware.replay import Chance, as_uniforms
 from ..hardware.sensor import TouchSensor, check_sensor, check_step
 from ..models.errors import InputError, check_count
+from ..models.grid import ClassGrid
 from ..models.io.model_file import ModelSource
+from ..models.preprocessing import Preprocessing
 from . import reference
 from .engines.engine import Engine
 from .filter import Filter, engine_of
@@ -70,6 +72,24 @@ class Step(NamedTuple):
         return int(np.argmax(self.what_marginal))
 
 
+class EpisodeSetup(NamedTuple):
+    """What an episode was made with, as far as it is needed to show it.
+
+    Attributes:
+        grid: The classes.
+        preprocessing: Preprocessing of the taps.
+        theta: Threshold on the what belief; 1 of another rule or none.
+        fixation: Index of the fixation point, or `None`.
+        taxel_mm: Places of the taxels in mm, shape (K, 2) or (K, 3), or `None` where the sensor has no `taxel_mm`.
+    """
+
+    grid: ClassGrid
+    preprocessing: Preprocessing
+    theta: float
+    fixation: int | None
+    taxel_mm: NDArray[np.float64] | None
+
+
 class Episode(NamedTuple):
     """Result of an episode; tap t counts from 0, and `log_beliefs[t]` is the belief after it, before the next move.
 
@@ -85,6 +105,8 @@ class Episode(NamedTuple):
         gave_up: Whether it ended without an answer, a null decision.
         no_class_left: Whether it ended with a tap that is impossible under every class still believed in; the last
             belief is that before this tap.
+        samples: Samples of every tap, shape (T, J, K).
+        setup: Classes, threshold and fixation point; `None` of an episode that is collected from steps.
     """
 
     log_beliefs: NDArray[np.float64]
@@ -96,6 +118,8 @@ class Episode(NamedTuple):
     stopped: bool
     gave_up: bool = False
     no_class_left: bool = False
+    samples: NDArray[np.float64] = np.zeros((0, 0, 0))
+    setup: EpisodeSetup | None = None
 
     def __repr__(self) -> str:
         end = "decided" if self.stopped else "undecided"
@@ -138,7 +162,13 @@ def perceive(
     Raises:
         InputError: As `steps`.
     """
-    return collect(steps(sensor, engine, stop, move, deadline, chance=chance, watch=watch))
+    engine = engine_of(engine)
+    made = steps(sensor, engine, stop, move, deadline, chance=chance, watch=watch)
+    theta = 1.0 if callable(stop) else float(stop)
+    places, point = getattr(sensor, "taxel_mm", None), getattr(move, "fixation_index", None)
+    return collect(made)._replace(
+        setup=EpisodeSetup(engine.model.grid, engine.model.preprocessing, theta, point, places)
+    )
 
 
 def steps(
@@ -271,4 +301,5 @@ def collect(made: Iterator[Step]) -> Episode:
         stopped=last.decision is not None,
         gave_up=last.gave_up,
         no_class_left=last.no_class_left,
+        samples=np.array([step.tap for step in whole]),
     )

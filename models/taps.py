@@ -267,6 +267,12 @@ class TapSet:
         return self.dataset["trial"].values
 
     @property
+    def taxel_mm(self) -> NDArray[np.float64] | None:
+        """Places of the taxels in mm, shape (K, 2) or (K, 3), or `None` if they are not known."""
+        places = self.dataset.get("taxel_position")
+        return None if places is None else places.values
+
+    @property
     def what_name(self) -> list[str]:
         """Names of the objects."""
         return [printable_name(name) for name in self.dataset["what_name"].values]

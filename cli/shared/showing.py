@@ -4,48 +4,12 @@ import json
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 if TYPE_CHECKING:
+    from ...analysis.live.ending import Ending
     from ...analysis.live.view import Seen
-    from ...hardware.named_rigs import Truth
     from ...inference.engines.latency import Latency
-
-
-class Ending(NamedTuple):
-    """How an episode ended.
-
-    Attributes:
-        seen: Its last step.
-        reason: `"threshold"`, `"rule"` where another rule decided, `"deadline"`, `"gave up"`, `"no class left"` or
-            `"unknown"`.
-        truth: True object and position, as far as known.
-    """
-
-    seen: "Seen"
-    reason: str
-    truth: "Truth"
-
-    @property
-    def answer(self) -> str | None:
-        """The object, `"unknown"`, or `None` for a null decision."""
-        if self.reason == "gave up":
-            return None
-        return "unknown" if self.reason == "unknown" else self.seen.what_name
-
-    @property
-    def right(self) -> bool | None:
-        """Whether the answer is correct; `unknown` is correct for objects that are not in the model.
-
-        `None` if the object is not known, and for null decisions.
-        """
-        if self.truth.what is None or self.answer is None:
-            return None
-        grid = self.seen.grid
-        covered = [{name, *members} for name, members in zip(grid.what_name, grid.what_members, strict=True)]
-        if self.reason == "unknown":
-            return not any(self.truth.what in names for names in covered)
-        return self.truth.what in covered[self.seen.step.what]
 
 
 class Show(Protocol):
@@ -59,7 +23,7 @@ class Show(Protocol):
         """Shows a tap."""
         ...
 
-    def end(self, episode: int, ending: Ending) -> None:
+    def end(self, episode: int, ending: "Ending") -> None:
         """Shows the end of an episode."""
         ...
 
@@ -80,21 +44,11 @@ class JsonShow:
 
         self._print({"episode": self._episode, **record(seen)})
 
-    def end(self, episode: int, ending: Ending) -> None:
+    def end(self, episode: int, ending: "Ending") -> None:
         """Prints a JSON object."""
-        step, truth = ending.seen.step, ending.truth
-        self._print(
-            {
-                "episode": episode,
-                "decision": ending.answer,
-                "where": float(ending.seen.grid.where_value[step.where]),
-                "reason": ending.reason,
-                "taps": step.number,
-                "true_what": truth.what,
-                "true_where": truth.where,
-                "right": ending.right,
-            }
-        )
+        from ...analysis.live.ending import end_record
+
+        self._print(end_record(episode, ending))
         self._episode = episode + 1
 
     def _print(self, content: dict[str, Any]) -> None:
@@ -114,8 +68,10 @@ class LineShow:
 
         print(sentence(seen), flush=True)
 
-    def end(self, episode: int, ending: Ending) -> None:
+    def end(self, episode: int, ending: "Ending") -> None:
         """Prints a line."""
+        from ...analysis.live.ending import said
+
         print(said(episode, ending), flush=True)
 
 
@@ -143,8 +99,10 @@ class LiveShow:
         if not self._live.is_started:
             self._live.start(refresh=True)
 
-    def end(self, episode: int, ending: Ending) -> None:
+    def end(self, episode: int, ending: "Ending") -> None:
         """Keeps the last picture and prints a line below it."""
+        from ...analysis.live.ending import said
+
         self.stop()
         self.note(said(episode, ending))
 
@@ -166,18 +124,6 @@ def show(as_json: bool) -> Iterator[Show]:
             yield live
         finally:
             live.stop()
-
-
-def said(episode: int, ending: Ending) -> str:
-    """The end of an episode in one or two sentences."""
-    seen, truth = ending.seen, ending.truth
-    taps = f"{seen.step.number} tap{'s' * (seen.step.number > 1)}"
-    at = "" if ending.answer is None or ending.reason == "unknown" else f" at {seen.where_label}"
-    answer = f"Episode {episode}: {ending.answer or 'no decision'}{at} after {taps} ({ending.reason})."
-    unit = seen.grid.where_label(0).partition(" ")[2]
-    places = [] if truth.where is None else [f"{truth.where:.4g} {unit}".strip()]
-    known = [truth.what] if truth.what else []
-    return f"{answer} Truth: {' at '.join([*known, *places])}." if known or places else answer
 
 
 def latency_sentence(latency: "Latency", warm_up_s: float) -> str:

@@ -6,6 +6,7 @@ from numpy.typing import NDArray
 from ...models.errors import InputError, check_numbers
 from ...models.preprocessing import Preprocessing
 from ..sensor import clipped_move
+from .physics import taxel_positions_mm
 from .session import TapStream
 from .settings import RigSettings, settings_of
 from .signal_chain import Purpose
@@ -70,6 +71,11 @@ class SimulatedRig:
     def step(self) -> float:
         """Length of a step in mm."""
         return self.settings.cell_mm
+
+    @property
+    def taxel_mm(self) -> NDArray[np.float64]:
+        """Places of the taxels in mm, shape (K, 3)."""
+        return taxel_positions_mm(self.settings.taxels)
 
     @property
     def where_index(self) -> int:

@@ -5,6 +5,7 @@ which the end of the range may cut short. "Small repositioning movements" around
 Martinez-Hernandez et al. (2017); `random_place` is the baseline for active strategies.
 """
 
+from dataclasses import dataclass
 from numbers import Real
 from typing import Protocol
 
@@ -64,14 +65,27 @@ def fixation(fixation_index: int, theta_x: float = 0.0) -> MovePolicy:
     if not _whole(fixation_index) or fixation_index < 0:
         raise InputError(f"The fixation point must be an index from 0, got {fixation_index!r}.")
     check_probability(theta_x, "theta_x")
+    return FixationPolicy(int(fixation_index), theta_x)
 
-    def move(beliefs: Floats, chance: Floats) -> Integers:  # noqa: ARG001
+
+@dataclass(frozen=True)
+class FixationPolicy:
+    """Strategy of `fixation`.
+
+    Attributes:
+        fixation_index: Index of the fixation point.
+        theta_x: Belief in a position needed for a move.
+    """
+
+    fixation_index: int
+    theta_x: float
+
+    def __call__(self, beliefs: Floats, chance: Floats) -> Integers:  # noqa: ARG002
+        """As `MovePolicy`."""
         where = where_beliefs(beliefs)
-        check_fixation(fixation_index, where.shape[-1])
-        sure = (where.max(axis=-1) > theta_x) & (theta_x < 1)
-        return np.where(sure, fixation_index - where.argmax(axis=-1), 0).astype(np.int64)
-
-    return move
+        check_fixation(self.fixation_index, where.shape[-1])
+        sure = (where.max(axis=-1) > self.theta_x) & (self.theta_x < 1)
+        return np.where(sure, self.fixation_index - where.argmax(axis=-1), 0).astype(np.int64)
 
 
 def random_place() -> MovePolicy:
