@@ -7,6 +7,7 @@ from .analysis.correctness.report import CrossCheckReport as CrossCheckReport
 from .analysis.correctness.report import crosscheck as crosscheck
 from .analysis.inspect.report import InspectionReport as InspectionReport
 from .analysis.inspect.report import inspect as inspect
+from .analysis.live.viewing import view as view
 from .analysis.reproduce.report import ReproductionReport as ReproductionReport
 from .analysis.reproduce.report import reproduce as reproduce
 from .analysis.sensitivity.report import SensitivityReport as SensitivityReport

@@ -49,6 +49,7 @@ def test_a_folder_says_what_is_inside(folder):
 EVERYWHERE = {"numpy", "scipy", "xarray", "msgspec"}
 """Packages that any file may import."""
 EDGES = {
+    "anywidget": ("analysis/live/widget.py",),
     "arviz": (
         "analysis/audit/variance/gains.py",
         "analysis/compare/taps.py",
@@ -107,6 +108,8 @@ EDGES = {
     "serial": ("hardware/link/port.py",),
     "sklearn": ("inference/classifier.py",),
     "threadpoolctl": ("models/threads.py",),
+    "tornado": ("analysis/live/server.py",),
+    "traitlets": ("analysis/live/widget.py",),
     "typer": ("cli/*.py", "cli/shared/homing.py", "cli/shared/map_options.py", "cli/shared/options.py"),
     "zarr": (
         "analysis/sweep/store.py",

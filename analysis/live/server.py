@@ -256,8 +256,10 @@ class _Guarded(RequestHandler):
         self.set_header("Content-Type", "text/plain; charset=utf-8")
         self.finish(f"{status_code} {self._reason}\n")
 
-    def log_exception(self, *_: Any) -> None:
-        """Nothing: refused requests are not the program's business."""
+    def log_exception(self, typ: Any, value: Any, tb: Any) -> None:
+        """Reports errors of this program, and no refused requests."""
+        if not isinstance(value, HTTPError):
+            super().log_exception(typ, value, tb)
 
 
 class _Nothing(_Guarded):

@@ -96,8 +96,9 @@ def _recorded(episode: Episode | Sequence[Episode] | Episodes | str | Path) -> E
         return episode
     if isinstance(episode, str | Path):
         return load_episodes(episode)
-    several = [episode] if isinstance(episode, Episode) else list(episode)
-    return recorded_episodes(several)
+    if not isinstance(episode, Episode | Sequence):
+        raise InputError(f"view needs an episode of perceive, or a file of episodes; got {type(episode).__name__}.")
+    return recorded_episodes([episode] if isinstance(episode, Episode) else episode)
 
 
 def recorded_episodes(episodes: Sequence[Episode], heading: str = "") -> Episodes:

@@ -262,6 +262,12 @@ def test_the_picture_is_kept(command, folder, tmp_path):
         (["--theta-x", "nan"], "--theta-x must be a number from 0 to 1"),
         (["--unknown", "2"], "--unknown must be between 0 and 1, got 2.0"),
         (["--picture", "p.png"], "--picture must name an .svg file"),
+        (["--save-episode", "e.txt"], "e.txt: the name of a file of episodes must end in .json"),
+        (["--save-episode", "none/e.json"], "none/e.json: cannot write: no folder none"),
+        (["--view-port", "8000"], "--view-port requires --view"),
+        (["--no-browser"], "--no-browser requires --view"),
+        (["--view", "--view-port", "70000"], "70000 is not in the range 1<=x<=65535"),
+        (["--pace", "-1"], "-1.0 is not in the range 0.0<=x<=3600.0"),
         (["--engine", "numpyro", "--border", "prior"], "not a Markov kernel"),
     ],
 )
@@ -603,13 +609,16 @@ def test_a_terminal_gets_pictures(command, folder, monkeypatch):
     reader.start()
     with os.fdopen(terminal, "w", encoding="utf-8") as screen:
         monkeypatch.setattr(sys, "stdout", screen)
-        done = command("perceive", folder / "model.nc", "--engine", "numpy", "--theta", 1, "--deadline", 3)
+        done = command(
+            "perceive", folder / "model.nc", "--engine", "numpy", "--theta", 1, "--deadline", 3, "--pace", 0.05
+        )
     reader.join(timeout=30)
     os.close(controller)
     out = b"".join(parts)
 
     assert done.code == 0
     text = out.decode()
+    assert text.index("Compiling engine numpy ...") < text.index("Tap 1:")
     assert [n in text for n in ("Tap 1:", "Tap 2:", "Tap 3:")] == [True] * 3
     assert text.count("▲ fixation point") >= 3
     assert text.rindex("\x1b[?25h") > text.rindex("Tap 3:")

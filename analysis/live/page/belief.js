@@ -5,7 +5,7 @@ import { brief, colourBar, fitted, fontSize, marker, stroke, surface } from "./c
 
 const ROW = 26, LEAST_HEIGHT = 180, MOST_HEIGHT = 420, LEAST_ROW = 3, MOST_ROW = 60, MARGINAL = 54, TOP = 34;
 
-/** Draws the heat map of a tap; returns what it says. */
+/** Draws the heat map of a tap; where it lies is a property of the canvas. */
 export function drawBelief(canvas, header, tap, theme) {
   const L = header.where_value.length, M = header.what_name.length;
   const rows = Math.max(LEAST_ROW * M, Math.min(MOST_ROW * M, Math.max(LEAST_HEIGHT, Math.min(ROW * M, MOST_HEIGHT))));
@@ -13,6 +13,7 @@ export function drawBelief(canvas, header, tap, theme) {
   const side = Math.min(nameWidth(context, header.what_name), width * 0.3) + 8;
   const what = Math.max(74, Math.min(170, width * 0.24));
   const box = { left: side, top: TOP, width: Math.max(20, width - side - what - 12), height: rows };
+  canvas.heatMap = box;
   drawCells(context, box, tap.belief, L, M);
   drawPeak(context, box, tap, L, M, theme);
   drawNames(context, box, header.what_name, tap, theme);
@@ -30,6 +31,7 @@ export function drawBelief(canvas, header, tap, theme) {
 
 function nameWidth(context, names) {
   let widest = 30;
+  fontSize(context, 12, 700);
   for (const name of names.slice(0, 200)) widest = Math.max(widest, context.measureText(name.slice(0, 60)).width);
   return widest;
 }

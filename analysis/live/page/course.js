@@ -149,13 +149,13 @@ export function drawEvidence(canvas, header, taps, theme) {
   const split = judged.length ? 100 : height - 36;
   const values = known.map((tap) => tap.log_evidence);
   const low = Math.min(...values), high = Math.max(...values), pad = (high - low || 1) * 0.15;
-  const top = axes(context, [58, 8, width - 10, split], range, [low - pad, high + pad], theme, {
+  const top = axes(context, [64, 8, width - 10, split], range, [low - pad, high + pad], theme, {
     yLabel: "evidence (nats)", xLabel: judged.length ? "" : "tap", xNumbers: !judged.length, whole: true,
   });
   drawPath(context, known.map((tap) => [top.x(tap.tap), top.y(tap.log_evidence)]), theme.bar, [], "circle", known.map(() => 3));
   if (!judged.length) return "Natural logarithm of the evidence of each tap. This model gives no p-values.";
   const least = Math.min(...judged.map((tap) => Math.max(tap.p, 1e-6)), header.flagged / 3);
-  const floor = Math.floor(Math.log10(least)), box = [58, split + 14, width - 10, height - 36];
+  const floor = Math.floor(Math.log10(least)), box = [64, split + 14, width - 10, height - 36];
   const logs = (p) => Math.log10(Math.max(p, 1e-6)), y = scale(floor, 0, box[3], box[1]);
   const x = scale(range[0], range[1], box[0], box[2]);
   axes(context, box, range, [1, 1], { ...theme, line: "transparent" }, { xLabel: "tap", whole: true });

@@ -52,7 +52,7 @@ export function drawTraces(canvas, header, tap, range, theme) {
     context.beginPath();
     tap.readings.forEach((row, j) => context[j ? "lineTo" : "moveTo"](x(time(j)), y(row[k])));
     context.stroke();
-    if (samples === 1) context.fillRect(x(time(0)) - 2, y(tap.readings[0][k]) - 2, 4, 4);
+    if (samples === 1) context.fillRect(x(time(0)) - 4, y(tap.readings[0][k]) - 4, 8, 8);
   }
   if (before) stroke(context, x(0), 8, x(0), height - 36, theme.soft, [3, 3]);
   const shown = taxels > MOST_TRACES ? `The ${MOST_TRACES} of ${taxels} taxels with the largest peaks. ` : "";

@@ -31,7 +31,9 @@ def seen_episodes(make_taps, make_model):
             made = steps(rig, make_engine("numpy", model), theta, fixation(L // 2), deadline)
             own = [Seen(step, grid, theta, L // 2, float(rng.uniform(0.001, 1))) for step in made]
             taps.append(own)
-            endings.append(ending_of(own[-1], Truth(grid.what_name[number % M], float(grid.where_value[rig.where_index]))))
+            endings.append(
+                ending_of(own[-1], Truth(grid.what_name[number % M], float(grid.where_value[rig.where_index])))
+            )
         header = header_of(
             "a rig, engine numpy", grid, model.preprocessing, K, theta=0.95, fixation=L // 2, deadline=deadline, **more
         )

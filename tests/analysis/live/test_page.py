@@ -7,14 +7,17 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from browser import ARTEFACTS, chromium, errors, resize, skip_without_browser
 from solidtouch.analysis.live.feed import finish_data, serve_saved, start_data
 from solidtouch.analysis.live.fragment import whole_page
-from solidtouch.analysis.live.saved import encoded, recorded
+from solidtouch.analysis.live.saved import encoded, encoded_episodes, recorded
 from solidtouch.analysis.live.server import PageServer
 from solidtouch.analysis.live.view import _COLOURS
 
-skip_without_browser()
+from benchmarks.browser import ARTEFACTS, PRESENT, chromium, errors, picture, resize
+
+pytest.importorskip("selenium", reason="selenium is not installed")
+if not PRESENT:
+    pytest.skip("chromium and chromedriver are not installed", allow_module_level=True)
 
 SOON_S, AT_ONCE_S = 10.0, 0.1
 
@@ -76,7 +79,9 @@ def numbers(driver):
     """The record that the page shows in its table, with values as JSON has them."""
     shown = driver.execute_script(f"return {NUMBERS}")
     plain = {name: value for name, value in shown.items() if "." not in name}
-    read = {name: None if value == "–" else value if name == "what" else json.loads(value) for name, value in plain.items()}
+    read = {
+        name: None if value == "–" else value if name == "what" else json.loads(value) for name, value in plain.items()
+    }
     for name in ("what_marginal", "where_marginal"):
         read[name] = [json.loads(value) for key, value in shown.items() if key.startswith(f"{name}.")]
     return read
@@ -89,10 +94,11 @@ def colour(belief):
     return _COLOURS[low] + (at - low) * (_COLOURS[low + 1] - _COLOURS[low])
 
 
-CELLS = """((L, M, left, width, top, height) => {
+CELLS = """((L, M) => {
   const canvas = document.querySelector('.st-belief canvas'), ratio = canvas.width / canvas.clientWidth;
+  const { left, top, width, height } = canvas.heatMap;
   const { data } = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
-  const at = (l, m) => [(left + (l + 0.2) * width / L) * ratio, (top + (m + 0.85) * height / M) * ratio].map(Math.round);
+  const at = (l, m) => [left + (l + 0.2) * width / L, top + (m + 0.85) * height / M].map((v) => Math.round(v * ratio));
   const pixel = ([x, y]) => [...data.slice(4 * (y * canvas.width + x), 4 * (y * canvas.width + x) + 3)];
   return Array.from({ length: L }, (_, l) => Array.from({ length: M }, (_, m) => pixel(at(l, m))));
 })(...arguments)"""
@@ -128,16 +134,8 @@ def test_the_heat_map_has_the_colours_of_the_beliefs(page, server, episodes):
     start(server, episodes)
     publish(server, episodes, 2)
     until(page, "player.shownAt[0] !== undefined")
-    place = ask(page, "(() => { const c = document.querySelector('.st-belief canvas'); return c.clientWidth })()")
-    side = page.execute_script(
-        """const c = document.querySelector('.st-belief canvas').getContext('2d'); c.font = '12px system-ui, "Segoe UI", Helvetica, Arial, sans-serif';
-        return Math.min(Math.max(30, ...arguments[0].map((n) => c.measureText(n.slice(0, 60)).width)), arguments[1] * 0.3) + 8""",
-        episodes.header.what_name,
-        place,
-    )
-    width = place - side - max(74, min(170, place * 0.24)) - 12
     L, M = len(episodes.header.where_value), len(episodes.header.what_name)
-    got = page.execute_script(f"return {CELLS}", L, M, side, width, 34, min(60 * M, 180))
+    got = page.execute_script(f"return {CELLS}", L, M)
     wanted = [[colour(belief) for belief in row] for row in episodes.taps[2].belief]
 
     np.testing.assert_allclose(got, wanted, atol=2)
@@ -160,7 +158,7 @@ def test_a_reload_and_a_second_tab_show_all_taps_once(page, server, episodes):
         page.switch_to.window(handle)
         until(page, "player.taps.length === 4")
         assert ask(page, "player.taps.map((tap) => tap.tap)") == [1, 2, 3, 4]
-    page.switch_to.window([one for one in page.window_handles if one != first][0])
+    page.switch_to.window(next(one for one in page.window_handles if one != first))
     page.close()
     page.switch_to.window(first)
 
@@ -304,21 +302,9 @@ def test_any_size_fits_any_width(page, seen_episodes, name, width, scheme):
         assert min(drawn) > 2000 - 1000 * (name == "one")
         dark = page.execute_script("return getComputedStyle(document.body).backgroundColor")
         assert dark == ("rgb(22, 24, 28)" if scheme == "dark" else "rgb(255, 255, 255)")
-        picture(page, f"size-{name}-{width}-{scheme}")
+        picture(page, ARTEFACTS / f"size-{name}-{width}-{scheme}.png")
         took = ask(page, "(() => { const t = performance.now(); player.draw(); return performance.now() - t })()")
         assert took < 1000 * AT_ONCE_S
-
-
-def picture(driver, name):
-    """Keeps a picture of the whole page."""
-    ARTEFACTS.mkdir(parents=True, exist_ok=True)
-    height = driver.execute_script("return document.documentElement.scrollHeight")
-    width = driver.execute_script("return window.innerWidth")
-    clip = {"x": 0, "y": 0, "width": width, "height": height, "scale": 1}
-    import base64
-
-    shot = driver.execute_cdp_cmd("Page.captureScreenshot", {"captureBeyondViewport": True, "clip": clip})
-    (ARTEFACTS / f"{name}.png").write_bytes(base64.b64decode(shot["data"]))
 
 
 def test_a_page_of_its_own_plays_without_a_server(page, episodes, tmp_path):
@@ -336,3 +322,26 @@ def test_a_page_of_its_own_plays_without_a_server(page, episodes, tmp_path):
     assert page.execute_script("return getComputedStyle(document.querySelector('.st-static')).display") == "block"
     assert page.execute_script("return document.querySelectorAll('.st-static li').length") == 12
     page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
+
+
+def test_the_widget_is_the_same_player(page, episodes, tmp_path):
+    """Its module, run as notebooks run it."""
+    pytest.importorskip("anywidget", reason="anywidget is not installed")
+    from solidtouch.analysis.live.widget import EpisodeWidget
+
+    (tmp_path / "cell.html").write_text(f"<style>{EpisodeWidget._css}</style><div id='cell'></div>", encoding="utf-8")
+    page.get((tmp_path / "cell.html").as_uri())
+    page.execute_async_script(
+        """const [code, episodes, done] = arguments;
+        import(URL.createObjectURL(new Blob([code], { type: 'text/javascript' }))).then((module) => {
+          const model = { get: () => episodes }, el = document.getElementById('cell');
+          window.remove = module.default.render({ model, el });
+          done();
+        });""",
+        EpisodeWidget._esm,
+        encoded_episodes(episodes).decode(),
+    )
+    until(page, "player.playing && player.at === 1")
+    page.execute_script("window.remove()")
+
+    assert page.execute_script("return document.querySelectorAll('canvas').length") == 0

@@ -1,13 +1,12 @@
 """The server of the page: who is answered, and what viewers get."""
 
-import http.client
-import json
 import socket
 import threading
 import time
-from contextlib import closing, contextmanager
+from contextlib import closing
 
 import pytest
+from event_viewer import SOON_S, ask, viewer
 from hypothesis import given
 from hypothesis import strategies as st
 from solidtouch.analysis.live import server as server_module
@@ -15,8 +14,6 @@ from solidtouch.analysis.live.assets import PAGE_FILES
 from solidtouch.analysis.live.feed import serve_saved
 from solidtouch.analysis.live.server import EventLog, PageServer
 from solidtouch.models.errors import InputError
-
-SOON_S = 5.0
 
 
 @pytest.fixture
@@ -27,51 +24,16 @@ def server():
     assert not made._thread.is_alive()
 
 
-def ask(server, path="", method="GET", **headers):
-    """Status, headers and content of an answer; underscores in names of headers are hyphens."""
-    place, _, token = server.url.removeprefix("http://").partition("/")
-    path = path if path.startswith("/") else f"/{token}{path}"
-    with closing(http.client.HTTPConnection(place, timeout=SOON_S)) as connection:
-        connection.request(method, path, headers={name.replace("_", "-"): value for name, value in headers.items()})
-        answer = connection.getresponse()
-        return answer.status, dict(answer.getheaders()), answer.read()
-
-
-@contextmanager
-def viewer(server, last=None):
-    """A function that returns the next events of a viewer, as id, kind and data."""
-    place, _, token = server.url.removeprefix("http://").partition("/")
-    with closing(http.client.HTTPConnection(place, timeout=SOON_S)) as connection:
-        connection.request("GET", f"/{token}events", headers={} if last is None else {"Last-Event-ID": str(last)})
-        answer = connection.getresponse()
-        assert answer.getheader("Content-Type") == "text/event-stream; charset=utf-8"
-
-        def read(number):
-            events = []
-            while len(events) < number:
-                fields = {}
-                while (line := answer.readline().decode().rstrip("\n")) != "":
-                    name, _, value = line.partition(": ")
-                    fields[name] = value
-                if "id" in fields:
-                    events.append((int(fields["id"]), fields["event"], json.loads(fields["data"])))
-                elif not fields and not line:
-                    assert not answer.isclosed(), f"the stream ended after {events}"
-            return events
-
-        yield read
-
-
 @pytest.mark.parametrize("name", PAGE_FILES)
 def test_files_of_the_page_are_served_under_the_token_alone(server, name):
     path = "" if name == "index.html" else name
-    status, headers, content = ask(server, path)
+    status, headers, content = ask(server.url, path)
 
     assert status == 200
     assert content == server_module.page_file(name)[0]
     assert headers["Content-Type"] == server_module.page_file(name)[1]
     for wrong in (f"/{path}", f"/wrong/{path}", f"/{path}x"):
-        assert ask(server, wrong)[0] == 404
+        assert ask(server.url, wrong)[0] == 404
 
 
 @pytest.mark.parametrize("path", ["", "events", "stop", "none"])
@@ -92,7 +54,7 @@ def test_other_hosts_and_origins_are_refused(path, method, headers, status):
     stopped = []
     made = PageServer(stop=lambda: stopped.append(1))
     try:
-        answer = ask(made, path, method, **headers)
+        answer = ask(made.url, path, method, **headers)
     finally:
         made.close()
 
@@ -103,11 +65,15 @@ def test_other_hosts_and_origins_are_refused(path, method, headers, status):
 
 def test_every_answer_forbids_what_the_page_does_not_need(server):
     for path in ("", "player.js", "/wrong/"):
-        headers = ask(server, path)[1]
+        headers = ask(server.url, path)[1]
         policy = dict(part.split(" ", 1) for part in headers["Content-Security-Policy"].split("; "))
         assert policy.pop("default-src") == "'none'"
         assert set(policy.values()) == {"'self'", "'none'"}
-        assert (policy["script-src"], policy["form-action"], policy["frame-ancestors"]) == ("'self'", "'none'", "'none'")
+        assert (policy["script-src"], policy["form-action"], policy["frame-ancestors"]) == (
+            "'self'",
+            "'none'",
+            "'none'",
+        )
         assert headers["Cache-Control"] == "no-store"
         assert headers["X-Content-Type-Options"] == "nosniff"
         assert headers["Referrer-Policy"] == "no-referrer"
@@ -140,17 +106,17 @@ def test_the_program_is_stopped_by_a_post_with_the_token():
     made = PageServer(stop=stopped.set)
     try:
         own = made.url.removesuffix("/").rpartition("/")[0]
-        assert ask(made, "stop")[0] == 405
+        assert ask(made.url, "stop")[0] == 405
         assert not stopped.is_set()
-        assert ask(made, "stop", "POST", Origin=own)[0] == 202
+        assert ask(made.url, "stop", "POST", Origin=own)[0] == 202
         assert stopped.wait(SOON_S)
     finally:
         made.close()
 
 
 def test_a_page_without_a_program_stops_none(server):
-    assert ask(server, "stop", "POST")[0] == 405
-    assert ask(server, "", "POST")[0] == 405
+    assert ask(server.url, "stop", "POST")[0] == 405
+    assert ask(server.url, "", "POST")[0] == 405
 
 
 def publish(server, first, last):
@@ -161,11 +127,11 @@ def publish(server, first, last):
 def test_late_and_returning_viewers_get_all_events_once(server):
     """In their order, as they come."""
     publish(server, 1, 3)
-    with viewer(server) as first:
+    with viewer(server.url) as first:
         assert [number for number, _, _ in first(3)] == [1, 2, 3]
         publish(server, 4, 5)
         assert first(2) == [(4, "tap", 4), (5, "tap", 5)]
-        with viewer(server, last=4) as back, viewer(server) as late:
+        with viewer(server.url, last=4) as back, viewer(server.url) as late:
             assert back(1) == [(5, "tap", 5)]
             assert [number for number, _, _ in late(5)] == [1, 2, 3, 4, 5]
             server.publish_last(b'"done"')
@@ -177,18 +143,18 @@ def test_late_and_returning_viewers_get_all_events_once(server):
 def test_who_knows_later_events_than_there_are_gets_the_next(server):
     """As after a program that ran under the same address."""
     publish(server, 1, 1)
-    with viewer(server, last=99) as read:
+    with viewer(server.url, last=99) as read:
         publish(server, 2, 2)
         assert read(1) == [(2, "tap", 2)]
 
 
 @pytest.mark.parametrize("last", ["-1", "x", "1.5", "9" * 30, "\u0663".encode().decode("latin1")])
 def test_a_number_that_is_none_is_refused(server, last):
-    assert ask(server, "events", Last_Event_ID=last)[0] == 400
+    assert ask(server.url, "events", Last_Event_ID=last)[0] == 400
 
 
 def test_events_come_at_once(server):
-    with viewer(server) as read:
+    with viewer(server.url) as read:
         server.publish("tap", b"0")
         read(1)
         waits = []
@@ -206,7 +172,7 @@ def test_a_viewer_that_reads_nothing_holds_nobody_up(server, monkeypatch):
     large = b'"%s"' % (b"x" * 200_000)
     place, _, token = server.url.removeprefix("http://").partition("/")
     host, _, port = place.partition(":")
-    with closing(socket.create_connection((host, int(port)))) as dead, viewer(server) as alive:
+    with closing(socket.create_connection((host, int(port)))) as dead, viewer(server.url) as alive:
         dead.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         dead.sendall(f"GET /{token}events HTTP/1.1\r\nHost: {place}\r\n\r\n".encode())
         slowest = 0.0
@@ -235,7 +201,7 @@ def test_nobody_is_waited_for_who_does_not_come(server):
 
 def test_a_server_can_be_closed_while_viewers_wait_and_twice():
     made = PageServer()
-    with viewer(made) as read:
+    with viewer(made.url) as read:
         made.publish("tap", b"1")
         read(1)
         made.close()
@@ -246,12 +212,18 @@ def test_a_server_can_be_closed_while_viewers_wait_and_twice():
 def test_saved_episodes_are_served_whole(episodes):
     made = serve_saved(episodes)
     try:
-        with viewer(made) as read:
+        with viewer(made.url) as read:
             (_, start, data), *taps, _, _, (_, finished, last) = read(1 + 10 + 2 + 1)
     finally:
         made.close()
 
-    assert (start, finished, data["saved"], data["stoppable"], last["saved"]) == ("start", "finished", True, False, True)
+    assert (start, finished, data["saved"], data["stoppable"], last["saved"]) == (
+        "start",
+        "finished",
+        True,
+        False,
+        True,
+    )
     assert [tap["tap"] for _, _, tap in taps] == [1, 2, 3, 4, 5] * 2
 
 

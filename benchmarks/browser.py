@@ -1,31 +1,24 @@
-"""Debian's Chromium for tests of pages, driven by selenium."""
+"""Chromium without a window, driven by selenium: for tests of pages and for their pictures."""
 
+import base64
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import pytest
-
 if TYPE_CHECKING:
     from selenium.webdriver import Chrome
 
 CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
+PRESENT = CHROMIUM is not None and DRIVER is not None
 ARTEFACTS = Path(__file__).parents[1] / "build" / "screenshots"
-
-
-def skip_without_browser() -> None:
-    """Skips the test, or the module that is being imported, where there is no browser to drive."""
-    pytest.importorskip("selenium", reason="selenium is not installed")
-    if CHROMIUM is None or DRIVER is None:
-        pytest.skip("chromium and chromedriver are not installed", allow_module_level=True)
 
 
 @contextmanager
 def chromium() -> "Iterator[Chrome]":
     """A headless browser whose console is read by `errors`."""
-    from selenium.webdriver import Chrome, ChromeOptions, ChromeService
+    from selenium.webdriver import Chrome, ChromeOptions, ChromeService  # noqa: PLC0415 - not installed everywhere
 
     options = ChromeOptions()
     options.binary_location = str(CHROMIUM)
@@ -50,3 +43,12 @@ def resize(driver: "Chrome", width: int, height: int, scheme: str = "light") -> 
     driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
     feature = {"name": "prefers-color-scheme", "value": scheme}
     driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": [feature]})
+
+
+def picture(driver: "Chrome", path: Path) -> None:
+    """Writes a picture of the whole page as PNG."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    height = driver.execute_script("return document.documentElement.scrollHeight")
+    clip = {"x": 0, "y": 0, "width": driver.execute_script("return window.innerWidth"), "height": height, "scale": 1}
+    shot = driver.execute_cdp_cmd("Page.captureScreenshot", {"captureBeyondViewport": True, "clip": clip})
+    path.write_bytes(base64.b64decode(shot["data"]))
