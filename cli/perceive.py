@@ -173,7 +173,7 @@ def perceive(
         chosen = _chosen(rig, fitted, Wish(start, what, seed, sensor_seed), training_taps, missing)
         # Also what is needed only later: nothing may be imported while a finger is on its way.
         from ..inference.engines.latency import TimedEngine
-        from .shared.episode_run import EpisodeRun, Pace, default_pace, warmed_up
+        from .shared.episode_run import EpisodeRun, TapPace, default_pace, warmed_up
         from .shared.moving import choose_moves, load_outcomes
         from .shared.showing import latency_sentence, show
         from .shared.stopping import choose_ends
@@ -184,7 +184,7 @@ def perceive(
         ends = choose_ends(stop, play, give_up, fitted, moves.fixation, outcomes)
         novelty, engines = _novelty(fitted, unknown, play.deadline), _engines(engine, fitted, play.border, shadow)
         warm_up_s = warmed_up(engines, as_json)
-    steady = Pace(default_pace(rig, as_json, view) if pace is None else pace)
+    steady = TapPace(default_pace(rig, as_json, view) if pace is None else pace)
     timed = TimedEngine(engines)
     run = EpisodeRun(timed, ends, moves, seed, play.deadline, novelty, unknown, steady)
     with (

@@ -162,6 +162,7 @@ def perceive(
     Raises:
         InputError: As `steps`.
     """
+    check_sensor(sensor)
     engine = engine_of(engine)
     made = steps(sensor, engine, stop, move, deadline, chance=chance, watch=watch)
     theta = 1.0 if callable(stop) else float(stop)

@@ -42,7 +42,7 @@ def warmed_up(engine: "Engine", as_json: bool) -> float:
     return warm_up(engine)
 
 
-class Pace:
+class TapPace:
     """Keeps taps apart.
 
     Args:
@@ -77,7 +77,7 @@ class EpisodeRun:
         deadline: int,
         novelty: "Novelty | None",
         alpha: float | None,
-        pace: Pace,
+        pace: TapPace,
     ) -> None:
         self._engine, self._ends, self._moves, self._seed = engine, ends, moves, seed
         self._deadline, self._novelty, self._alpha, self._pace = deadline, novelty, alpha, pace

@@ -15,7 +15,7 @@ from event_viewer import SOON_S, ask, viewer
 from solidtouch.analysis.live.saved import load_episodes
 from solidtouch.analysis.live.server import PageServer
 from solidtouch.cli.shared import watching
-from solidtouch.cli.shared.episode_run import Pace, default_pace
+from solidtouch.cli.shared.episode_run import TapPace, default_pace
 from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.hardware.simulator.settings import preset
 from solidtouch.models.measurement.histogram import fit
@@ -255,7 +255,7 @@ def test_what_is_watched_has_a_pace(monkeypatch, rig, as_json, view, terminal, p
 
 def test_a_pace_keeps_taps_apart_and_waits_for_none_after_the_last():
     """Also from one episode to the next."""
-    pace, began = Pace(0.05), []
+    pace, began = TapPace(0.05), []
     made = [[SimpleNamespace(move=0), SimpleNamespace(move=None)]] * 2
 
     def steps(own):
