@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 from ..hardware.replay import Chance, as_uniforms
 from ..hardware.sensor import TouchSensor, check_sensor, check_step
 from ..models.errors import InputError, check_count
-from ..models.grid import ClassGrid
 from ..models.io.model_file import ModelSource
-from ..models.preprocessing import Preprocessing
+from ..models.measurement.model import TapModel
 from . import reference
 from .engines.engine import Engine
 from .filter import Filter, engine_of
@@ -76,15 +75,13 @@ class EpisodeSetup(NamedTuple):
     """What an episode was made with, as far as it is needed to show it.
 
     Attributes:
-        grid: The classes.
-        preprocessing: Preprocessing of the taps.
+        model: The measurement model.
         theta: Threshold on the what belief; 1 of another rule or none.
         fixation: Index of the fixation point, or `None`.
         taxel_mm: Places of the taxels in mm, shape (K, 2) or (K, 3), or `None` where the sensor has no `taxel_mm`.
     """
 
-    grid: ClassGrid
-    preprocessing: Preprocessing
+    model: TapModel
     theta: float
     fixation: int | None
     taxel_mm: NDArray[np.float64] | None
@@ -106,7 +103,7 @@ class Episode(NamedTuple):
         no_class_left: Whether it ended with a tap that is impossible under every class still believed in; the last
             belief is that before this tap.
         samples: Samples of every tap, shape (T, J, K).
-        setup: Classes, threshold and fixation point; `None` of an episode that is collected from steps.
+        setup: Model, threshold and fixation point; `None` of an episode that is collected from steps.
     """
 
     log_beliefs: NDArray[np.float64]
@@ -167,9 +164,7 @@ def perceive(
     made = steps(sensor, engine, stop, move, deadline, chance=chance, watch=watch)
     theta = 1.0 if callable(stop) else float(stop)
     places, point = getattr(sensor, "taxel_mm", None), getattr(move, "fixation_index", None)
-    return collect(made)._replace(
-        setup=EpisodeSetup(engine.model.grid, engine.model.preprocessing, theta, point, places)
-    )
+    return collect(made)._replace(setup=EpisodeSetup(engine.model, theta, point, places))
 
 
 def steps(

@@ -27,7 +27,7 @@ def fragment(episodes: Episodes, picture: str = "") -> str:
     return (
         f"<style>{style()}{_STATIC}</style>\n"
         f'<div class="st-episode"><div id="{name}"></div>\n'
-        f'<div class="st-static"><p>{_escaped(episodes.header.heading)}</p>\n{drawn if picture else ""}\n'
+        f'<div class="st-static">{drawn if picture else f"<p>{_escaped(episodes.header.heading)}</p>"}\n'
         f"<ul>\n{_sentences(episodes)}</ul></div>\n"
         f'<script type="application/json" id="{name}-data">{data}</script>\n'
         f'<script type="module">\n{_inline(script())}\n'

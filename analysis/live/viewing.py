@@ -10,10 +10,12 @@ import numpy as np
 
 from ...hardware.named_rigs import Truth
 from ...inference.episode import Episode, Step
+from ...inference.novelty import Novelty, UnknownTest, can_tell
 from ...models.errors import InputError
 from .ending import ending_of
 from .feed import open_page, serve_saved
-from .fragment import whole_page
+from .fragment import fragment, whole_page
+from .picture import live_picture
 from .saved import Episodes, header_of, load_episodes, recorded
 from .view import Seen
 
@@ -101,8 +103,13 @@ def _recorded(episode: Episode | Sequence[Episode] | Episodes | str | Path) -> E
     return recorded_episodes([episode] if isinstance(episode, Episode) else episode)
 
 
-def recorded_episodes(episodes: Sequence[Episode], heading: str = "") -> Episodes:
+def recorded_episodes(episodes: Sequence[Episode], heading: str = "", truths: Sequence[Truth] = ()) -> Episodes:
     """Episodes of `perceive` as records; of several, the classes and the threshold are those of the first.
+
+    Args:
+        episodes: What `perceive` returned.
+        heading: Rig and engine.
+        truths: True object and position of each, if they are known.
 
     Raises:
         InputError: There is none, or one was not made by `perceive`, or with other classes.
@@ -114,15 +121,16 @@ def recorded_episodes(episodes: Sequence[Episode], heading: str = "") -> Episode
         raise InputError("view needs at least one episode.")
     setup = episodes[0].setup
     assert setup is not None  # noqa: S101 - checked above
+    grid = setup.model.grid
     for episode in episodes:
-        same = episode.setup is not None and not setup.grid.differences(episode.setup.grid)
+        same = episode.setup is not None and not grid.differences(episode.setup.model.grid)
         if not same or episode.samples.shape[1:] != episodes[0].samples.shape[1:]:
             raise InputError("view needs episodes with the same classes and taxels.")
     rule = "" if setup.theta < 1 else _OTHER_RULE
     header = header_of(
-        heading or f"{setup.grid.M} objects at {setup.grid.L} positions",
-        setup.grid,
-        setup.preprocessing,
+        heading or f"{grid.M} objects at {grid.L} positions",
+        grid,
+        setup.model.preprocessing,
         episodes[0].samples.shape[2],
         theta=setup.theta,
         rule=rule,
@@ -130,7 +138,14 @@ def recorded_episodes(episodes: Sequence[Episode], heading: str = "") -> Episode
         taxel_mm=setup.taxel_mm,
     )
     taps = [list(_seen(episode, header.heading)) for episode in episodes]
-    return recorded(header, taps, [ending_of(own[-1], Truth(None, None)) for own in taps])
+    known = truths or [Truth(None, None)] * len(taps)
+    return recorded(header, taps, [ending_of(own[-1], truth) for own, truth in zip(taps, known, strict=True)])
+
+
+def example(episode: Episode, heading: str, truth: Truth) -> str:
+    """HTML of one episode as part of a page."""
+    *_, last = _seen(episode, heading)
+    return fragment(recorded_episodes([episode], heading, [truth]), live_picture(last))
 
 
 def _seen(episode: Episode, heading: str) -> Iterator[Seen]:
@@ -138,6 +153,7 @@ def _seen(episode: Episode, heading: str) -> Iterator[Seen]:
     setup, last = episode.setup, episode.taps - 1
     if setup is None:
         return
+    test = UnknownTest(Novelty(setup.model)) if can_tell(setup.model) else None
     moves, arrived = [*episode.moves.tolist(), None], [0, *episode.realised.tolist()]
     for t, log_belief in enumerate(episode.log_beliefs):
         step = Step(
@@ -153,7 +169,10 @@ def _seen(episode: Episode, heading: str) -> Iterator[Seen]:
             no_class_left=bool(np.isneginf(episode.log_evidence[t])),
         )
         rule = "" if setup.theta < 1 else _OTHER_RULE
-        yield Seen(step, setup.grid, setup.theta, setup.fixation, None, heading=heading, rule=rule)
+        if test is not None:
+            test.add(step.tap, step.arrived)
+        p = None if test is None else test.p
+        yield Seen(step, setup.model.grid, setup.theta, setup.fixation, p, heading=heading, rule=rule)
 
 
 def _in_notebook() -> bool:

@@ -60,6 +60,18 @@ class Verbatim(NamedTuple):
     text: str
 
 
+class Embedded(NamedTuple):
+    """HTML of this project as it is, for the page alone.
+
+    Attributes:
+        html: The HTML.
+        caption: What is to be seen.
+    """
+
+    html: str
+    caption: str
+
+
 class Note(NamedTuple):
     """Blocks that stand out."""
 
@@ -96,7 +108,7 @@ class Brief(NamedTuple):
 
 type Row = Mapping[str, Any]
 """Names and values of a summary, as its JSON file holds them."""
-type Block = str | Table | Picture | Listing | Verbatim | Note | Cautions | Folded | Section | Brief
+type Block = str | Table | Picture | Embedded | Listing | Verbatim | Note | Cautions | Folded | Section | Brief
 
 
 class Page(NamedTuple):

@@ -6,18 +6,22 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...hardware.named_rigs import Truth
 from ...hardware.replay import ReplayRig
 from ...inference.engines.engine import Engine
-from ...inference.episode import perceive
+from ...inference.episode import Episode, perceive
 from ...inference.filter import fold
 from ...inference.moves.control import MovePolicy, fixation, passive
 from ...inference.trials.records import plan_trials, trial_uniforms
 from ..experiment.settings import ExperimentSettings
 from ..experiment.study import Study
+from ..live.viewing import example
 from ..page.figure_episodes import BeliefCase
+from ..page.page import Embedded
 
 _CANDIDATES = 40
 _CASE_TAPS = 20
+_EXAMPLE_TAPS = 3
 TRAJECTORIES = 100
 
 
@@ -53,6 +57,31 @@ def trajectories(study: Study, engine: Engine, settings: ExperimentSettings, fix
         return paths[:, : int((paths >= 0).any(axis=0).sum())]
 
     return Trajectories(positions(passive()), positions(fixation(fixation_index, settings.play.theta_x)))
+
+
+def example_episode(study: Study, engine: Engine, settings: ExperimentSettings, fixation_index: int | None) -> Embedded:
+    """The first of a hundred trials with three taps and a move, to be played; else the first one.
+
+    Without a fixation point it is passive, and needs no move.
+    """
+    theta, deadline, grid = settings.thresholds[settings.shown], settings.play.deadline, study.model.grid
+    still = fixation_index is None
+    move = passive() if still else fixation(fixation_index, settings.play.theta_x)
+
+    def play(n: int) -> Iterator[tuple[Episode, Truth]]:
+        for _, what, rig in _rigs(study, n, settings.seed, deadline):
+            episode = perceive(rig, engine, theta, move, deadline)
+            yield episode, Truth(grid.what_name[what], float(grid.where_value[rig.where_index]))
+
+    telling = (one for one in play(TRAJECTORIES) if one[0].taps >= _EXAMPLE_TAPS and (still or one[0].realised.any()))
+    episode, truth = next(telling, None) or next(play(1))
+    kind = "passive" if still else "active"
+    caption = (
+        f"The first {kind} trial on test taps of {study.name} with at least {_EXAMPLE_TAPS} taps"
+        f"{'' if still else ' and a move'} (the first of all, if there is none), at threshold {theta:g}. It was not "
+        "chosen by its result. Play it, or move through it with the arrow keys."
+    )
+    return Embedded(example(episode, f"test taps of {study.name}, {kind} perception", truth), caption)
 
 
 def _rigs(study: Study, n: int, seed: int, taps: int) -> Iterator[tuple[int, int, ReplayRig]]:

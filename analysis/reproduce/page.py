@@ -4,20 +4,23 @@ from collections.abc import Iterable, Iterator
 
 from ..experiment.crosscheck import CrossCheck
 from ..page.numbers import crosscheck_table, in_brackets, interval, number, percent
-from ..page.page import Block, Brief, Cautions, Note, Page, Picture, Section, Table, Verbatim
+from ..page.page import Block, Brief, Cautions, Embedded, Note, Page, Picture, Section, Table, Verbatim
 from .record import ANSWERS, ErrorRow, ReproductionSummary
 
 _LISTS = (("Options", "options", 10), ("Versions", "versions", 10), ("Time spent (s)", "elapsed_s", 3))
 _RATES = ("stopped_fraction", "clamped_fraction", "substituted_fraction")
 
 
-def report_page(summary: ReproductionSummary, check: CrossCheck, drawn: Iterable[Picture]) -> Page:
+def report_page(
+    summary: ReproductionSummary, check: CrossCheck, drawn: Iterable[Picture], example: Embedded | None = None
+) -> Page:
     """The page; sections without content are left out.
 
     Args:
         summary: See `summary.summarise`.
         check: The engines compared.
         drawn: The figures.
+        example: An episode to play.
     """
     theta = number(summary["headline"]["theta"], 10)
     sections = (
@@ -25,6 +28,7 @@ def report_page(summary: ReproductionSummary, check: CrossCheck, drawn: Iterable
         Section(f"Passive and active at threshold {theta}", [*_headline(summary)], "headline"),
         Section("Comparison with the paper", [*_paper(summary)], "paper"),
         Section("Figures", [*drawn], "figures"),
+        Section("An episode, tap by tap", [] if example is None else [example], "episode"),
         Section("Results", [*_results(summary)], "results"),
         Section("Accuracy against contacts", [*_accuracy(summary)], "contacts"),
         Section("Cross-check of the engines", [*_crosscheck(check)], "crosscheck"),

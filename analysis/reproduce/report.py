@@ -60,7 +60,7 @@ class ReproductionReport(StudyReport):
         return list(pictures(self.request, self.found))
 
     def _page(self) -> Page:
-        return report_page(self.summary, self.found.check, self.pictures)
+        return report_page(self.summary, self.found.check, self.pictures, self.found.example)
 
     @property
     def passed(self) -> bool:

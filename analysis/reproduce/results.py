@@ -21,10 +21,11 @@ from ..experiment.study import Study
 from ..page.figure_episodes import BeliefCase
 from ..page.figure_style import unit_name
 from ..page.labelled import labelled, with_units
+from ..page.page import Embedded
 from ..page.stages import StageClock
 from ..stats import metrics
 from ..stats.contacts import summarise
-from .examples import Trajectories, belief_cases, trajectories
+from .examples import Trajectories, belief_cases, example_episode, trajectories
 from .record import ErrorRow, PolicyRow
 
 _QUANTITIES = [name for name in metrics.QUANTITIES for name in (name, f"{name}_low", f"{name}_high")]
@@ -114,6 +115,13 @@ class Results:
             engine = make_engine("filter", first.model, settings.play.border)
             cases = belief_cases(first, engine, settings)
             return cases, trajectories(first, engine, settings, self.fixation) if can_act(self.grid) else None
+
+    @cached_property
+    def example(self) -> Embedded:
+        """An episode to play on the page."""
+        first, still = self.studies[0], not can_act(self.grid)
+        engine = make_engine("filter", first.model, self.request.settings.play.border)
+        return example_episode(first, engine, self.request.settings, None if still else self.fixation)
 
     @property
     def elapsed_s(self) -> dict[str, float]:

@@ -50,6 +50,13 @@ def test_simulated_data_give_the_whole_folder(command, tmp_path, sketched, monke
         "results.nc", "summary.json", "report.html",
     }  # fmt: skip
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
+    page = (tmp_path / "run" / "report.html").read_text(encoding="utf-8")
+    episode = json.loads(re.search(r'<script type="application/json"[^>]*>(.*?)</script>', page, re.DOTALL)[1])
+    assert episode["header"]["heading"] == "test taps of data set 0, active perception"
+    assert len(episode["taps"]) == episode["ends"][0]["taps"] >= 3
+    assert any(tap["arrived"] for tap in episode["taps"])
+    assert len(page) < 3e6
+    assert not re.findall(r'(?:src|href)="(?!data:|#)', page)
     summary = summary_of(tmp_path / "run")
     assert [row["policy"] for row in summary["results"]] == ["passive"] * 13 + ["active"] * 13
     for row in summary["results"]:

@@ -47,7 +47,7 @@ function drawCells(context, box, belief, L, M) {
   context.imageSmoothingEnabled = false;
   context.drawImage(small, box.left, box.top, box.width, box.height);
   const cell = [box.width / L, box.height / M];
-  if (cell[0] < 24 || cell[1] < 13) return;
+  if (cell[0] < 20 || cell[1] < 13) return;
   fontSize(context, 11);
   context.textAlign = "center";
   for (let l = 0; l < L; l += 1) {

@@ -43,7 +43,7 @@ def test_an_episode_keeps_its_samples_and_what_it_was_made_with(made):
     episode = play(stop=0.5, move=st.passive())
 
     assert episode.samples.shape == (episode.taps, 6, 4)
-    assert (episode.setup.theta, episode.setup.fixation, episode.setup.grid) == (0.5, None, model.grid)
+    assert (episode.setup.theta, episode.setup.fixation, episode.setup.model) == (0.5, None, model)
     decided = viewing.recorded_episodes([episode])
     assert decided.ends[0].reason == ("threshold" if episode.stopped else "deadline")
     np.testing.assert_allclose(decided.taps[-1].belief, np.exp(episode.log_beliefs[-1]), atol=1e-9)

@@ -19,6 +19,7 @@ from solidtouch.analysis.page.html import (
 from solidtouch.analysis.page.page import (
     Brief,
     Cautions,
+    Embedded,
     Folded,
     Listing,
     Note,
@@ -48,6 +49,7 @@ PAGE = Page(
                 Picture("fig2", "Nothing", "to draw", lambda: None),
                 Note(["**Simulated.**"]),
                 Section("Inner", [Listing(["one", "two"], "Found"), Listing([], "Lost")]),
+                Embedded('<div class="player">played <i>here</i></div>', "What `this` is"),
             ],
             "errors",
         ),
@@ -101,6 +103,7 @@ def test_everything_is_on_the_page_and_escaped(parsed):
         "Errors & taps model error (mm) how taps a<b 1.0 by fit 3 c too few taps",
         'Title (fig1). Caption "1" & more',
         "Inner Found: one two Lost: none.",
+        "played here What this is",
         "Words risk mean cost loss x",
         "seed 1",
     ):
