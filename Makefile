@@ -6,7 +6,7 @@ PY := $(VENV)/bin/python
 # Files of tests on all cores, but not on so many that memory runs short, in the order of tests/conftest.py.
 SIDE_BY_SIDE := -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
-.PHONY: run test test-times test-all check format bench bench-cluster bench-quick studies audit-studies interval-studies results reference-studies strategy-studies fuzz faults firmware kills mutants house rig-demo lock clean help
+.PHONY: docs man run test test-times test-all check format bench bench-cluster bench-quick studies audit-studies interval-studies results reference-studies strategy-studies fuzz faults firmware kills mutants house rig-demo lock clean help
 
 run: $(VENV)/.ready-run
 	@$(VENV)/bin/solidtouch reproduce
@@ -114,12 +114,18 @@ mutants: $(VENV)/.ready-dev
 house: $(VENV)/.ready-run
 	@$(PY) -m benchmarks.checks.house $(VERSION)
 
+docs: $(VENV)/.ready-docs
+	@$(PY) -m benchmarks.site.build
+
+man: $(VENV)/.ready-run
+	@$(PY) -m benchmarks.site.manual
+
 rig-demo: $(VENV)/.ready-run
 	@PATH="$(CURDIR)/$(VENV)/bin:$$PATH" docs/examples/rig-demo.sh
 
 # Pins every dependency for Python 3.12 to 3.14, on every platform, without addresses.
 lock: $(VENV)/.ready-dev
-	@$(PY) -m uv pip compile pyproject.toml --group dev --universal --python-version 3.12 --upgrade --quiet \
+	@$(PY) -m uv pip compile pyproject.toml --group dev --group docs --universal --python-version 3.12 --upgrade --quiet \
 		--no-header --no-annotate --output-file constraints.txt
 
 clean:
@@ -140,6 +146,8 @@ help:
 	@echo "make results  results on simulated taps, with RECORDED=FOLDER also on recorded ones, into docs/"
 	@echo "make reference-studies  calibration of beliefs, open choices of the paper, level and power of unknown"
 	@echo "make strategy-studies  strategies of moving and stopping, regret against the exact rule, tuning"
+	@echo "make docs    build the documentation site in build/site; the first run takes minutes, as notebooks run"
+	@echo "make man     write man pages of all commands into build/man"
 	@echo "make rig-demo  collect, fit and perceive on emulated devices"
 	@echo "make faults  tap an emulated rig under random faults, damage every byte of its commands, and report; 11 minutes"
 	@echo "make firmware GRBL=DIR  run the stage driver on GRBL's own firmware, built from your checkout of its sources; 5 minutes"
@@ -159,4 +167,9 @@ $(VENV)/.ready-run: pyproject.toml constraints.txt
 $(VENV)/.ready-dev: $(VENV)/.ready-run
 	@echo "Installing what the tests need into $(VENV) ..."
 	@./.ci/install $(VENV) --group dev
+	@touch $@
+
+$(VENV)/.ready-docs: $(VENV)/.ready-run
+	@echo "Installing what the site needs into $(VENV) ..."
+	@./.ci/install $(VENV) --group docs
 	@touch $@

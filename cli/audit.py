@@ -6,6 +6,7 @@ from typing import Annotated, Any
 from typer import Argument, Option
 
 from ..models.settings import Division, FitSettings, PlaySettings
+from .shared.completion import model_lists
 from .shared.interrupt import loading
 from .shared.options import CELLS, Exponent, Fields, Force, Seed, spelled_out
 from .shared.report import command_line, report_folder, show_report
@@ -68,6 +69,7 @@ def audit(
         Option(
             metavar="MODEL,...",
             help="Further models to measure as remedies, separated by commas, such as gaussian,my_models.py:walk.",
+            autocompletion=model_lists,
         ),
     ] = None,
     permutations: Annotated[int, Option(min=99, max=10**6, help="Permutations per test.")] = 999,

@@ -8,6 +8,7 @@ from typer import Option
 from ..analysis.tasks.crew import PATIENCE_S
 from ..models.measurement.registry import NAMES
 from ..models.settings import Division, FitSettings, PlaySettings
+from .shared.completion import model_lists
 from .shared.interrupt import loading
 from .shared.options import (
     DIVIDED,
@@ -32,7 +33,11 @@ QUICK = {"resamples": 25, "replicates": 8}
 def compare(
     data: Data,
     models: Annotated[
-        str, Option(help="Models separated by commas, the reference first, such as histogram,profile; or all.")
+        str,
+        Option(
+            help="Models separated by commas, the reference first, such as histogram,profile; or all.",
+            autocompletion=model_lists,
+        ),
     ] = "all",
     out: Annotated[Path | None, Option(help="Folder for the results; default: runs/<date-time>-compare.")] = None,
     division: Annotated[Division, Fields(*DIVIDED, "training_taps", "missing")] = Division(),

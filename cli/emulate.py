@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from ..models.errors import InputError
+from .shared.completion import presets
 from .shared.interrupt import ended_by_interrupt, loading
 
 if TYPE_CHECKING:
@@ -39,7 +40,9 @@ def emulate(
     out: Annotated[
         Path | None, typer.Option(help="Folder for the ports, the control socket and rig.toml; created if needed.")
     ] = None,
-    preset: Annotated[str, typer.Option(help="Preset of the simulated finger and objects, as in simulate.")] = "paper",
+    preset: Annotated[
+        str, typer.Option(help="Preset of the simulated finger and objects, as in simulate.", autocompletion=presets)
+    ] = "paper",
     seed: Annotated[int, typer.Option(min=0, help="Random seed of the sensor and all noise.")] = 0,
     session: Annotated[
         int, typer.Option(min=0, help="Session number, which sets gains and mounting as in simulate.")

@@ -44,7 +44,6 @@ app = typer.Typer(
     help="Active Bayesian perception for robot touch: exact posteriors over position and object.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
-    add_completion=False,
 )
 _COMMANDS = (
     reproduce,

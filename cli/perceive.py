@@ -9,6 +9,7 @@ from typer import Argument, Context, Option
 
 from ..models.errors import InputError
 from ..models.settings import PlaySettings
+from .shared.completion import rigs
 from .shared.homing import Home, Yes, confirm_homing
 from .shared.interrupt import loading
 from .shared.options import Fields, Force, Missing, SettingFile, Story, TrainingTaps, given, merged, spelled_out
@@ -36,7 +37,12 @@ def perceive(
     context: Context,
     model: Annotated[Path, Argument(metavar="MODEL", help="Fitted model, from `fit`.", show_default=False)],
     rig: Annotated[
-        str, Option(metavar="RIG", help="Source of taps: simulated, simulated:PRESET, replay:FILE or a rig.toml.")
+        str,
+        Option(
+            metavar="RIG",
+            help="Source of taps: simulated, simulated:PRESET, replay:FILE or a rig.toml.",
+            autocompletion=rigs,
+        ),
     ] = "simulated",
     engine: Annotated[
         Literal["numpy", "numpyro", "filter"], Option(help="Engine that computes the beliefs.")

@@ -9,6 +9,7 @@ from typer import Option
 from ..models.errors import InputError
 from ..models.measurement.registry import PAPER
 from ..models.settings import Division, FitSettings, PlaySettings
+from .shared.completion import presets
 from .shared.interrupt import loading
 from .shared.options import (
     DIVIDED,
@@ -47,7 +48,11 @@ def reproduce(
         bool, Option("--quick", help=f"Use {_QUICK_DATA_SETS} simulated data sets and {_QUICK_TRIALS} trials.")
     ] = False,
     preset: Annotated[
-        str | None, Option(help="Preset of the simulated rig: paper, ideal, broken, hold2 or nodrift; default: paper.")
+        str | None,
+        Option(
+            help="Preset of the simulated rig: paper, ideal, broken, hold2 or nodrift; default: paper.",
+            autocompletion=presets,
+        ),
     ] = None,
     data_sets: Annotated[
         int | None, Option(min=1, help=f"Number of simulated data sets; default: {_DATA_SETS}.")

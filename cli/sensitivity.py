@@ -7,6 +7,7 @@ from typer import Argument, Option
 
 from ..analysis.tasks.crew import PATIENCE_S
 from ..models.settings import Division
+from .shared.completion import presets
 from .shared.interrupt import loading
 from .shared.options import (
     CELLS,
@@ -37,7 +38,7 @@ def sensitivity(
     data_sets: Annotated[
         int, Option("--data-sets", min=0, max=10_000, help="Number of simulated data sets; 0 uses recorded taps only.")
     ] = 40,
-    preset: Annotated[str, Option(help="Preset of the simulated rig.")] = "paper",
+    preset: Annotated[str, Option(help="Preset of the simulated rig.", autocompletion=presets)] = "paper",
     division: Annotated[Division, Fields(*CELLS, "training_taps")] = Division(),
     trials: Annotated[
         int, Option(min=_FEWEST_TRIALS, max=10**6, help="Trials per data set, policy and option.")

@@ -9,6 +9,7 @@ from typer import Option
 from ..models.errors import InputError
 from ..models.seeds import data_set_seed
 from ..models.storage import check_writable
+from .shared.completion import presets_or_model
 from .shared.interrupt import loading
 from .shared.options import Seed, Story
 
@@ -21,7 +22,11 @@ _MODEL = "model"
 def simulate(
     out: Annotated[Path, Option(help="Folder for session-0.nc, session-1.nc, ...; created if needed.")],
     preset: Annotated[
-        str, Option(help="Preset of the rig: paper, ideal, broken, hold2, nodrift, or model (requires --model).")
+        str,
+        Option(
+            help="Preset of the rig: paper, ideal, broken, hold2, nodrift, or model (requires --model).",
+            autocompletion=presets_or_model,
+        ),
     ] = "paper",
     sessions: Annotated[int, Option(help="Number of sessions.")] = 2,
     seed: Seed = 0,

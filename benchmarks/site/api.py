@@ -15,7 +15,7 @@ FOLDER = "reference/api"
 def names() -> dict[str, Any]:
     """Public names with what they stand for, those of the conformance kit among them."""
     kit = solidtouch.conformance
-    return {name: getattr(solidtouch, name) for name in sorted(solidtouch.__all__)} | {
+    return {name: getattr(solidtouch, name) for name in sorted(solidtouch.__all__, key=str.casefold)} | {
         f"conformance.{name}": getattr(kit, name) for name in kit.__all__
     }
 

@@ -4,6 +4,7 @@ Notebooks run when they have changed; their outputs are kept in build/notebooks.
 outputs, which takes half a minute instead of minutes. A warning is an error: a link, anchor or page that is missing.
 """
 
+import os
 import sys
 from argparse import ArgumentParser
 from pathlib import Path
@@ -13,14 +14,20 @@ from sphinx.cmd.build import build_main
 from benchmarks.site.links import ROOT
 from benchmarks.site.pages import staged
 
-STAGED, CACHE, TREES = "pages", "notebooks", "doctrees"
+STAGED, CACHE, TREES, IPYTHON = "pages", "notebooks", "doctrees", "ipython"
+SETTINGS = """\
+c = get_config()
+c.InlineBackend.figure_formats = {"svg"}
+c.InlineBackend.rc = {"svg.fonttype": "none"}
+"""
+"""Of the kernels that run notebooks."""
 
 
 def stage(folder: Path) -> None:
-    """Writes all pages and pictures into a folder, those alone that changed, and removes what is none of them."""
-    pages, pictures = staged(folder)
+    """Writes all pages and files into a folder, those alone that changed, and removes what is none of them."""
+    pages, files = staged(folder)
     texts = {folder / path: text.encode() for path, text in pages.items()}
-    every = texts | {folder / path: file.read_bytes() for path, file in pictures.items()}
+    every = texts | {folder / path: file.read_bytes() for path, file in files.items()}
     for path, content in every.items():
         path.parent.mkdir(parents=True, exist_ok=True)
         if not path.exists() or path.read_bytes() != content:
@@ -39,6 +46,7 @@ def build(out: Path, work: Path, *, notebooks: bool = True) -> int:
         notebooks: Whether notebooks run.
     """
     stage(work / STAGED)
+    _set_kernels(work / IPYTHON)
     options = {
         "nb_execution_mode": "cache" if notebooks else "off",
         "nb_execution_cache_path": (work / CACHE).resolve(),
@@ -47,6 +55,13 @@ def build(out: Path, work: Path, *, notebooks: bool = True) -> int:
     trees = work / (TREES if notebooks else f"{TREES}-plain")
     words = ["-b", "html", "-q", "-W", "--keep-going", "-j", "auto", "-c", str(ROOT / "benchmarks" / "site")]
     return build_main([*words, *given, "-d", str(trees), str(work / STAGED), str(out)])
+
+
+def _set_kernels(folder: Path) -> None:
+    """Makes kernels draw figures as SVG, and keep their files here instead of in the home folder."""
+    (folder / "profile_default").mkdir(parents=True, exist_ok=True)
+    (folder / "profile_default" / "ipython_kernel_config.py").write_text(SETTINGS, encoding="utf-8")
+    os.environ["IPYTHONDIR"] = str(folder.resolve())
 
 
 if __name__ == "__main__":

@@ -26,6 +26,7 @@ html_theme_options = {
     "pygments_light_style": "a11y-high-contrast-light",
     "pygments_dark_style": "a11y-high-contrast-dark",
 }
+html_sidebars = {"gallery": [], "index": []}
 copyright = f"{author}, Apache-2.0"  # noqa: A001 - the name that Sphinx reads
 
 myst_enable_extensions = ["colon_fence", "deflist"]
@@ -35,6 +36,7 @@ nb_execution_raise_on_error = True
 nb_execution_timeout = 600
 nb_merge_streams = True
 
+autodoc_preserve_defaults = True
 autodoc_member_order = "bysource"
 autodoc_typehints_format = "short"
 python_use_unqualified_type_names = True

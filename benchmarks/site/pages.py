@@ -21,6 +21,7 @@ _FOLDERS = {"Tutorials": "tutorials", "How to": "how-to", "Notebooks": "notebook
 }
 _GENERATED = {"Reference": {f"{FOLDER}/index.md": "[Command line]: every command with its options and exit codes."}}
 """Pages of a section that the repository does not hold."""
+_READ_BY_NOTEBOOKS = ("docs/reference/conformance/solid.c",)
 
 
 class Section(NamedTuple):
@@ -50,10 +51,10 @@ def sections() -> list[Section]:
 
 
 class Staged(NamedTuple):
-    """What the site is made of: text of pages by their staged paths, and the pictures that they show."""
+    """What the site is made of: text of pages by their staged paths, and the files that they show or read."""
 
     pages: dict[str, str]
-    pictures: dict[str, Path]
+    files: dict[str, Path]
 
 
 def staged(folder: Path) -> Staged:
@@ -63,7 +64,7 @@ def staged(folder: Path) -> Staged:
         folder: Where they will be; pages of sources include files relative to it.
     """
     known = documents()
-    pictures: dict[str, Path] = {}
+    files: dict[str, Path] = {}
     sources: set[str] = set()
     pages = {}
     for name, path in known.items():
@@ -76,12 +77,13 @@ def staged(folder: Path) -> Staged:
             if file in known:
                 return known[file]
             if Path(file).suffix in PICTURES:
-                pictures[file.removeprefix("docs/")] = ROOT / file
+                files[file.removeprefix("docs/")] = ROOT / file
                 return file.removeprefix("docs/")
             sources.add(file)
             return source_place(file)
 
         pages[path] = linked(text, Path(path).parent.as_posix(), place)
+    files |= {file.removeprefix("docs/"): ROOT / file for file in _READ_BY_NOTEBOOKS}
     pages["reference/api.md"] = with_links_to_names(pages["reference/api.md"])
     pages |= api_pages() | command_pages() | {"gallery.md": gallery(known)}
     pages |= {source_place(name): source_page(name, sources, folder) for name in sources}
@@ -90,7 +92,7 @@ def staged(folder: Path) -> Staged:
     pages["index.md"] += _toctree([f"{_FOLDERS[section.name]}/index" for section in sections()] + ["gallery"])
     for path in (known[CONTENTS], known["CHANGELOG.md"], *map(source_place, sources)):
         pages[path] = f"---\norphan: true\n---\n\n{pages[path]}"
-    return Staged(pages, pictures)
+    return Staged(pages, files)
 
 
 def _section_pages(known: dict[str, str]) -> dict[str, str]:
@@ -117,4 +119,3 @@ def _is_decision(path: str) -> bool:
 
 def _toctree(names: list[str]) -> str:
     return "\n".join(["", "```{toctree}", ":hidden:", "", *(f"/{name}" for name in names), "```", ""])
-

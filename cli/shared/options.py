@@ -12,6 +12,7 @@ import typer
 from ...models.errors import InputError
 from ...models.measurement.registry import NAMES
 from ...models.settings import Checked, FitSettings, SettingError
+from .completion import model_names, model_names_or_all
 
 if TYPE_CHECKING:
     from ...models.setting_file import Setting
@@ -60,9 +61,15 @@ Story = Annotated[
         show_default=False,
     ),
 ]
-Model = Annotated[str, typer.Option("--model", metavar="NAME", help=f"{_MODEL_HELP}.")]
+Model = Annotated[str, typer.Option("--model", metavar="NAME", help=f"{_MODEL_HELP}.", autocompletion=model_names)]
 ModelOrAll = Annotated[
-    str, typer.Option("--model", metavar="NAME", help=f"{_MODEL_HELP}; all checks each model in turn.")
+    str,
+    typer.Option(
+        "--model",
+        metavar="NAME",
+        help=f"{_MODEL_HELP}; all checks each model in turn.",
+        autocompletion=model_names_or_all,
+    ),
 ]
 AllowUnconverged = Annotated[
     bool, typer.Option("--allow-unconverged", help="Use the model even if its fit did not converge.")

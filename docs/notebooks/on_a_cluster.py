@@ -1,0 +1,60 @@
+# %% [markdown]
+# # A study on a cluster
+#
+# A sweep plays the same trials over a grid of settings.
+# Given the address of a Dask scheduler, its cells run on that cluster; here it is a `LocalCluster` on this machine, in a
+# laboratory it would be SLURM or a few workstations, and nothing else would change.
+
+# %%
+from pathlib import Path
+from tempfile import mkdtemp
+
+import matplotlib.pyplot as plt
+import solidtouch as st
+from distributed import LocalCluster
+
+work = Path(mkdtemp())
+study = work / "study.toml"
+study.write_text("""\
+name = "smoothing and root"
+trials = 500
+thresholds = [0.5, 0.7, 0.8, 0.9, 0.95, 0.99]
+
+[[data]]
+name = "paper"
+preset = "paper"
+seeds = [0, 1]
+
+[grid]
+pseudocount = [0.001, 0.01, 0.1, 1.0]
+power = ["J", "JK"]
+policy = ["passive", "active"]
+""")
+
+# Workers are threads here, so that this file also runs as a plain script; processes=True makes them processes.
+place = {"processes": False, "protocol": "tcp://", "host": "127.0.0.1", "dashboard_address": None}
+with LocalCluster(n_workers=2, threads_per_worker=1, **place) as cluster:
+    report = st.sweep(study, work / "study.zarr", scheduler=cluster.scheduler_address)
+print(report)
+
+# %% [markdown]
+# The results are labelled by the axes of the study.
+# Each cell was written when it was finished, so the same call would go on after an interruption.
+
+# %%
+results = report.results.squeeze(drop=True).load()
+print(results["what_error"].sizes)
+
+# %% [markdown]
+# Smoothing by the pseudocount matters less than the root of the likelihood, which trades taps for errors.
+
+# %%
+figure, panels = plt.subplots(1, 2, figsize=(8, 3.4), sharey=True, layout="constrained")
+for axes, power in zip(panels, ["J", "JK"], strict=True):
+    for colour, pseudocount in zip(["#000000", "#0072b2", "#d55e00", "#009e73"], results["pseudocount"].values):
+        cell = results.sel(power=power, pseudocount=pseudocount, policy="active").mean("data")
+        axes.plot(cell["taps"], cell["what_error"], "o-", color=colour, markersize=3, label=f"{pseudocount:g}")
+    axes.set(title=f"power {power}", xlabel="mean reaction time (taps)", xscale="log")
+panels[0].set(ylabel="object error (mm)", ylim=(0, None))
+panels[1].legend(title="pseudocount", frameon=False)
+figure
