@@ -120,7 +120,7 @@ def run() -> None:
 
     try:
         with _without_dask(), repeated(), terminable():
-            _command()()
+            _command()(prog_name="solidtouch")
     except EnginesDisagree as error:
         _refuse(error, 1)
     except RigError as error:

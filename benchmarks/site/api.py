@@ -6,8 +6,9 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-import solidtouch
 from sphinx.pycode import ModuleAnalyzer
+
+import solidtouch
 
 FOLDER = "reference/api"
 

@@ -1,7 +1,8 @@
 """Makes the documentation site as static files: `python -m benchmarks.site.build` (`make docs`).
 
-Notebooks run when they have changed; their outputs are kept in build/notebooks. `--without-notebooks` shows them without
-outputs, which takes half a minute instead of minutes. A warning is an error: a link, anchor or page that is missing.
+Notebooks run when they have changed; their outputs are kept in build/notebooks. `--without-notebooks` shows them
+without outputs, which takes half a minute instead of minutes. A warning is an error: a link, anchor or page that is
+missing.
 """
 
 import os

@@ -12,6 +12,7 @@ from tempfile import mkdtemp
 
 import matplotlib.pyplot as plt
 import numpy as np
+
 import solidtouch as st
 
 here = Path(__file__).parent if "__file__" in globals() else Path()

@@ -7,6 +7,7 @@
 
 # %%
 import matplotlib.pyplot as plt
+
 import solidtouch as st
 
 train, tune, measure = st.simulate("broken", sessions=3, seed=0)

@@ -8,6 +8,7 @@
 import arviz as az
 import matplotlib.pyplot as plt
 import numpy as np
+
 import solidtouch as st
 
 train, test = st.simulate("paper", sessions=2, seed=4)

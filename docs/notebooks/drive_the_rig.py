@@ -15,6 +15,7 @@ from tempfile import mkdtemp
 
 import matplotlib.pyplot as plt
 import numpy as np
+
 import solidtouch as st
 
 work = Path(mkdtemp())

@@ -10,8 +10,9 @@ from pathlib import Path
 from tempfile import mkdtemp
 
 import matplotlib.pyplot as plt
-import solidtouch as st
 from distributed import LocalCluster
+
+import solidtouch as st
 
 work = Path(mkdtemp())
 study = work / "study.toml"
@@ -51,7 +52,9 @@ print(results["what_error"].sizes)
 # %%
 figure, panels = plt.subplots(1, 2, figsize=(8, 3.4), sharey=True, layout="constrained")
 for axes, power in zip(panels, ["J", "JK"], strict=True):
-    for colour, pseudocount in zip(["#000000", "#0072b2", "#d55e00", "#009e73"], results["pseudocount"].values):
+    for colour, pseudocount in zip(
+        ["#000000", "#0072b2", "#d55e00", "#009e73"], results["pseudocount"].values, strict=True
+    ):
         cell = results.sel(power=power, pseudocount=pseudocount, policy="active").mean("data")
         axes.plot(cell["taps"], cell["what_error"], "o-", color=colour, markersize=3, label=f"{pseudocount:g}")
     axes.set(title=f"power {power}", xlabel="mean reaction time (taps)", xscale="log")

@@ -7,6 +7,7 @@
 
 # %%
 import matplotlib.pyplot as plt
+
 import solidtouch as st
 
 report = st.reproduce(data_sets=4, trials=300, seed=0)

@@ -9,6 +9,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import numpyro
 import numpyro.distributions as dist
+
 import solidtouch as st
 
 train, test = st.simulate("paper", sessions=2, seed=4)
@@ -16,7 +17,7 @@ train, test = st.simulate("paper", sessions=2, seed=4)
 # %% [markdown]
 # ## Look at the taps
 #
-# A tap has 50 samples of 12 taxels. These are all samples of one taxel in the 20 taps of one class, a rod at a position.
+# A tap has 50 samples of 12 taxels. These are the samples of one taxel in the 20 taps of one class, a rod at a position.
 
 # %%
 where, what = train.indices(train.grid())
@@ -63,8 +64,8 @@ print(f"{model.grid.what_name[episode.what]} after {episode.taps} taps, moves {e
 # %% [markdown]
 # ## Compare it
 #
-# The same call as for built-in models. They are judged on a session that trained none of them; `draws=0` skips what needs
-# draws from the posteriors, `folds=1` further fits.
+# The same call as for built-in models. They are judged on a session that trained none of them; `draws=0` skips what
+# needs draws from the posteriors, `folds=1` skips further fits.
 
 # %%
 report = st.compare(train, test, models=["histogram", "gaussian", laplace], draws=0, folds=1, trials=500, resamples=40)
