@@ -9,6 +9,7 @@ import json
 import subprocess
 from pathlib import Path
 from tempfile import mkdtemp
+from textwrap import fill
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -42,7 +43,7 @@ wrong = compiled(source.read_text().replace("    shift(m, s, move);", "    shift
 report = st.conformance.run_program(wrong)
 wrong_cases = [verdict for verdict in report.found.values() if verdict.status == "differs"]
 print(f"{len(wrong_cases)} of {len(report.found)} cases differ, among them:")
-print(*wrong_cases[:4], sep="\n")
+print(*(fill(str(verdict), 90) for verdict in wrong_cases[:4]), sep="\n")
 
 # %% [markdown]
 # ## What the program believes
@@ -71,4 +72,3 @@ for axes, (title, belief) in zip(
     axes.set(title=title, xlabel="position", xticks=range(belief.shape[1]))
 panels[0].set(ylabel="tap", yticks=range(len(exact)), yticklabels=range(1, len(exact) + 1))
 figure.colorbar(picture, ax=panels, label="belief")
-figure

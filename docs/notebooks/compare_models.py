@@ -13,10 +13,12 @@ import solidtouch as st
 
 train, test = st.simulate("paper", sessions=2, seed=4)
 models = ["histogram", "gaussian", "profile"]
-report = st.compare(train, test, models=models, trials=500, resamples=40, replicates=20)
-print(report)
+report = st.compare(train, test, models=models, trials=500, resamples=40)
+print(report.taps[["integrated", "integrated_low", "integrated_high"]].to_dataframe().round(0))
 
 # %% [markdown]
+# The log probability of a tap of a session left out, in nats, integrated over the posterior.
+#
 # ## Weights of models
 #
 # `report.elpd` holds the log probability of each group of taps left out, as `arviz.compare` takes it.
@@ -57,7 +59,6 @@ for axes, model in zip(panels, models, strict=True):
     axes.axhline(0, color="black", linewidth=0.6)
     axes.set(title=model, xlabel="Pareto k", yscale="symlog")
 panels[0].set_ylabel("PSIS − exact log probability\nof a tap left out (nats)")
-figure
 
 # %% [markdown]
 # To the right of the line PSIS is off by many nats, on average towards taps that look too probable.

@@ -70,17 +70,17 @@ print(model)
 # ## Perceive
 #
 # With `--json` each tap is an object on one line: the belief, the evidence, and the move that follows.
-# `--picture` saves the picture that the terminal shows.
+# Without it the terminal shows the same as a picture that is redrawn after each tap.
 
 # %%
-words = ["--rig", "bench/rig.toml", "--object", "8 mm rod", "--start", "2.3mm", "--json", "--picture", "belief.svg"]
+words = ["--rig", "bench/rig.toml", "--object", "8 mm rod", "--start", "2.3mm", "--json"]
 taps = [json.loads(line) for line in run("perceive", "model.nc", *words).splitlines()]
 *taps, end = taps
-print(end)
+print({key: end[key] for key in ("decision", "where", "reason", "taps", "right")})
 
 # %%
 emulator.terminate()
-emulator.wait()
+ended = emulator.wait()
 
 # %% [markdown]
 # The belief in position and object after each tap; the finger begins near the end of the range and moves to the middle.
@@ -95,4 +95,3 @@ panels[0].set(xlabel="position class", ylabel="tap")
 panels[1].set_xticks(range(3), ["4", "8", "12"])
 panels[1].set_xlabel("rod (mm)")
 figure.colorbar(picture, ax=panels, label="belief")
-figure
