@@ -6,7 +6,7 @@ PY := $(VENV)/bin/python
 # Files of tests on all cores, but not on so many that memory runs short, in the order of tests/conftest.py.
 SIDE_BY_SIDE := -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
-.PHONY: docs man run test test-times test-all check format bench bench-cluster bench-quick studies audit-studies interval-studies results reference-studies strategy-studies fuzz faults firmware kills mutants house rig-demo lock clean help
+.PHONY: docs docs-check man run test test-times test-all check format bench bench-cluster bench-quick studies audit-studies interval-studies results reference-studies strategy-studies fuzz faults firmware kills mutants house rig-demo lock clean help
 
 run: $(VENV)/.ready-run
 	@$(VENV)/bin/solidtouch reproduce
@@ -117,6 +117,9 @@ house: $(VENV)/.ready-run
 docs: $(VENV)/.ready-docs
 	@$(PY) -m benchmarks.site.build
 
+docs-check: $(VENV)/.ready-docs
+	@$(PY) -m benchmarks.site.build --without-notebooks --out build/site-check
+
 man: $(VENV)/.ready-run
 	@$(PY) -m benchmarks.site.manual
 
@@ -147,6 +150,7 @@ help:
 	@echo "make reference-studies  calibration of beliefs, open choices of the paper, level and power of unknown"
 	@echo "make strategy-studies  strategies of moving and stopping, regret against the exact rule, tuning"
 	@echo "make docs    build the documentation site in build/site; the first run takes minutes, as notebooks run"
+	@echo "make docs-check  build it in build/site-check without running notebooks, to check pages and links; half a minute"
 	@echo "make man     write man pages of all commands into build/man"
 	@echo "make rig-demo  collect, fit and perceive on emulated devices"
 	@echo "make faults  tap an emulated rig under random faults, damage every byte of its commands, and report; 11 minutes"

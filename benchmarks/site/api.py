@@ -1,12 +1,13 @@
 """Pages of the public names of `import solidtouch`, which autodoc fills from their docstrings."""
 
+import ast
 import inspect
 import re
+from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from sphinx.pycode import ModuleAnalyzer
 
 import solidtouch
 
@@ -65,4 +66,6 @@ def _said(name: str) -> str:
     """The docstring below a constant, in the module that `__init__.pyi` names."""
     stub = (Path(solidtouch.__file__).parent / "__init__.pyi").read_text(encoding="utf-8")
     (module,) = re.findall(rf"^from \.([\w.]+) import {name} as", stub, flags=re.MULTILINE)
-    return " ".join(ModuleAnalyzer.for_module(f"solidtouch.{module}").find_attr_docs()["", name])
+    body = ast.parse(inspect.getsource(import_module(f"solidtouch.{module}"))).body
+    at = next(i for i, node in enumerate(body) if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == name)
+    return " ".join(ast.literal_eval(body[at + 1].value).split())
