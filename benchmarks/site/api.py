@@ -8,7 +8,6 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-
 import solidtouch
 
 FOLDER = "reference/api"

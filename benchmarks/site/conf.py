@@ -31,7 +31,7 @@ copyright = f"{author}, Apache-2.0"  # noqa: A001 - the name that Sphinx reads
 
 myst_enable_extensions = ["colon_fence", "deflist"]
 myst_heading_anchors = 6
-nb_custom_formats = {".py": ["jupytext.reads", {"fmt": "py:percent"}]}
+nb_custom_formats = {".py": "benchmarks.site.notebook.read"}
 nb_execution_raise_on_error = True
 nb_execution_timeout = 600
 nb_merge_streams = True

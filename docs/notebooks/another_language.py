@@ -72,3 +72,4 @@ for axes, (title, belief) in zip(
     axes.set(title=title, xlabel="position", xticks=range(belief.shape[1]))
 panels[0].set(ylabel="tap", yticks=range(len(exact)), yticklabels=range(1, len(exact) + 1))
 figure.colorbar(picture, ax=panels, label="belief")
+plt.show()

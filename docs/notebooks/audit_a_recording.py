@@ -22,7 +22,8 @@ print("\n\n".join(fill(sentence, 90) for sentence in report.verdict))
 # Where the variance of the evidence comes from, beyond what independence allows.
 
 # %%
-figure = report.plot("causes", figure=plt.figure(figsize=(8, 4.5)))
+report.plot("causes", figure=plt.figure(figsize=(8, 4.5), layout="constrained"))
+plt.show()
 
 # %% [markdown]
 # ## Remedies
@@ -30,7 +31,8 @@ figure = report.plot("causes", figure=plt.figure(figsize=(8, 4.5)))
 # Each remedy is tuned on the second session and measured on the third.
 
 # %%
-figure = report.plot("remedies", figure=plt.figure(figsize=(8, 3.5)))
+report.plot("remedies", figure=plt.figure(figsize=(8, 4), layout="constrained"))
+plt.show()
 
 # %% [markdown]
 # ## Apply it
@@ -42,11 +44,11 @@ figure = report.plot("remedies", figure=plt.figure(figsize=(8, 3.5)))
 print(fill(report.setting.note, 90))
 thresholds = [0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99]
 plain = st.trials(st.fit(train), measure, 20_000, stop=thresholds)
-better = st.trials(report.model, measure, 20_000, stop=thresholds, play=report.setting.play)  # bands: 95% intervals
+better = st.trials(report.model, measure, 20_000, stop=thresholds, play=report.setting.play)
 
 # %% [markdown]
 # A decision at a belief of 0.9 should be wrong once in ten times at most. The remedy brings the errors nearer to the line, not below it everywhere.
-# What is left differs from session to session, which one training session cannot show.
+# Bands are 95% intervals. What is left differs from session to session, which one training session cannot show.
 
 # %%
 figure, axes = plt.subplots(figsize=(5, 3.6), layout="constrained")
@@ -57,3 +59,4 @@ for label, run, colour in (("as the paper", plain, "#d55e00"), ("with the remedy
 axes.plot(thresholds, [1 - theta for theta in thresholds], "--", color="black", label="at most, by the belief")
 axes.set(xlabel="belief threshold", ylabel="fraction of wrong decisions", ylim=(0, None))
 axes.legend(frameon=False)
+plt.show()

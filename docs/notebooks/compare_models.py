@@ -42,8 +42,8 @@ for model in models:
     taps = left_out.ds.sel(model=model).isel(tap=left_out.looked_at.sel(model=model).values)
     wrong = np.abs(taps.psis - taps.exact)
     print(
-        f"{model}: Pareto k above 0.7 for {float((taps.pareto_k > 0.7).mean()):.0%} of {taps.sizes['tap']} taps; "
-        f"PSIS is off by {float(wrong.median()):.1f} nats for the median tap, by {float(wrong.max()):.1f} at most"
+        f"{model}: Pareto k > 0.7 for {float((taps.pareto_k > 0.7).mean()):.0%} of {taps.sizes['tap']} taps, "
+        f"error of PSIS {float(wrong.median()):.1f} nats (median), {float(wrong.max()):.1f} (largest)"
     )
 
 # %% [markdown]
@@ -59,6 +59,7 @@ for axes, model in zip(panels, models, strict=True):
     axes.axhline(0, color="black", linewidth=0.6)
     axes.set(title=model, xlabel="Pareto k", yscale="symlog")
 panels[0].set_ylabel("PSIS − exact log probability\nof a tap left out (nats)")
+plt.show()
 
 # %% [markdown]
 # To the right of the line PSIS is off by many nats, on average towards taps that look too probable.

@@ -70,10 +70,21 @@ print(model)
 # ## Perceive
 #
 # With `--json` each tap is an object on one line: the belief, the evidence, and the move that follows.
-# Without it the terminal shows the same as a picture that is redrawn after each tap.
+# Without it the terminal shows a picture that is redrawn after each tap, and `--view` [a page in the
+# browser](../how-to/perceiving.md#watching-in-a-browser); `--save-episode` keeps the episode for `solidtouch view`.
 
 # %%
-words = ["--rig", "bench/rig.toml", "--object", "8 mm rod", "--start", "2.3mm", "--json"]
+words = [
+    "--rig",
+    "bench/rig.toml",
+    "--object",
+    "8 mm rod",
+    "--start",
+    "2.3mm",
+    "--json",
+    "--save-episode",
+    "episode.json",
+]
 taps = [json.loads(line) for line in run("perceive", "model.nc", *words).splitlines()]
 *taps, end = taps
 print({key: end[key] for key in ("decision", "where", "reason", "taps", "right")})
@@ -95,3 +106,4 @@ panels[0].set(xlabel="position class", ylabel="tap")
 panels[1].set_xticks(range(3), ["4", "8", "12"])
 panels[1].set_xlabel("rod (mm)")
 figure.colorbar(picture, ax=panels, label="belief")
+plt.show()

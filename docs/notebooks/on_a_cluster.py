@@ -60,3 +60,4 @@ for axes, power in zip(panels, ["J", "JK"], strict=True):
     axes.set(title=f"power {power}", xlabel="mean reaction time (taps)")
 panels[0].set(ylabel="object error (mm)", ylim=(0, None))
 panels[1].legend(title="pseudocount", frameon=False)
+plt.show()

@@ -20,7 +20,8 @@ print(at[["what_error", "what_error_low", "what_error_high", "where_error", "tap
 # Figure 7 of the paper: errors of object and position against the threshold and the mean reaction time.
 
 # %%
-figure = report.plot("fig7", figure=plt.figure(figsize=(8, 5)))
+report.plot("fig7", figure=plt.figure(figsize=(8, 5), layout="constrained"))
+plt.show()
 
 # %% [markdown]
 # ## One thing changed
@@ -53,6 +54,7 @@ for label, (run, policy, colour) in curves.items():
     axes.fill_between(curve.taps, low, high, color=colour, alpha=0.15, linewidth=0)
 axes.set(xlabel="mean reaction time (taps)", ylabel="object error (mm)", ylim=(0, None))
 axes.legend(frameon=False)
+plt.show()
 
 # %% [markdown]
 # A finger that moves is no better for it: what matters is that it moves to where objects differ.

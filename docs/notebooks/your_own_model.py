@@ -27,6 +27,7 @@ left.plot(own.T, color="#0072b2", linewidth=0.8, alpha=0.6)
 left.set(xlabel="sample", ylabel="taxel 5 (counts)", title="20 taps of one class")
 right.hist(own.ravel(), bins=40, color="#0072b2")
 right.set(xlabel="taxel 5 (counts)", ylabel="samples", title="their samples")
+plt.show()
 
 # %% [markdown]
 # A sharp peak with long tails looks less like a normal than like a Laplace distribution; the comparison below decides.
@@ -74,4 +75,5 @@ print(report.tree["sessions_left_out"].ds[["integrated"]].to_dataframe().round(1
 # The log probability of a tap is one thing, decisions are another: errors against the mean reaction time.
 
 # %%
-figure = report.plot("decisions", figure=plt.figure(figsize=(8, 6)))
+report.plot("decisions", figure=plt.figure(figsize=(8, 6), layout="constrained"))
+plt.show()
