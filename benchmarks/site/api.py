@@ -4,6 +4,7 @@ import ast
 import inspect
 import re
 from importlib import import_module
+from itertools import pairwise
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -66,5 +67,7 @@ def _said(name: str) -> str:
     stub = (Path(solidtouch.__file__).parent / "__init__.pyi").read_text(encoding="utf-8")
     (module,) = re.findall(rf"^from \.([\w.]+) import {name} as", stub, flags=re.MULTILINE)
     body = ast.parse(inspect.getsource(import_module(f"solidtouch.{module}"))).body
-    at = next(i for i, node in enumerate(body) if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == name)
-    return " ".join(ast.literal_eval(body[at + 1].value).split())
+    for node, below in pairwise(body):
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == name and isinstance(below, ast.Expr):
+            return " ".join(ast.literal_eval(below.value).split())
+    raise ValueError(f"{name} has no docstring in {module}.")

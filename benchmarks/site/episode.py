@@ -36,7 +36,7 @@ text { font: 13px "DejaVu Sans", "Segoe UI", Helvetica, Arial, sans-serif }
 
 
 def episode_picture(
-    steps: Sequence[Step], fingers: Sequence[float], grid: ClassGrid, theta: float, fixation: int
+    steps: Sequence[Step], fingers: NDArray[np.float64], grid: ClassGrid, theta: float, fixation: int
 ) -> str:
     """An episode as a moving SVG.
 
