@@ -97,7 +97,8 @@ def _parameter(param: Any) -> Parameter:
     option = param.param_type_name == "option"
     choices = _choices(param.type_descriptor.annotation)
     switch = option and param.is_flag
-    kind: str = param.metavar or ("|".join(choices) if choices else _KINDS.get(param.bare_type(), param.bare_type().upper()))
+    bare: str = param.bare_type()
+    kind = param.metavar or "|".join(choices) or _KINDS.get(bare, bare.upper())
     return Parameter(
         names=tuple(param.opts + param.secondary_opts) if option else (),
         value="" if switch else kind if option else param.metavar or param.name.upper(),
