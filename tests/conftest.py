@@ -4,6 +4,7 @@ import gc
 import hashlib
 import importlib.util
 import os
+import re
 import shutil
 import sys
 import tempfile
@@ -12,7 +13,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 from hypothesis import settings
@@ -55,6 +56,25 @@ def _one_blas_thread() -> Iterator[None]:
     from threadpoolctl import threadpool_limits
 
     with threadpool_limits(1):
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _links_of_pages_lead_somewhere() -> Iterator[None]:
+    """Every page that a test makes in this process is looked at, whatever the test is about."""
+    from solidtouch.analysis.page import html
+
+    rendered = html.render_page
+
+    def checked(*args: Any, **options: Any) -> str:
+        text = rendered(*args, **options)
+        ids = re.findall(r'<[^>]* id="([^"]*)"', text)
+        assert len(ids) == len({*ids}), f"Not unique: {ids}"
+        assert {*re.findall(r'<a href="#([^"]*)"', text)} <= {*ids}
+        return text
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(html, "render_page", checked)
         yield
 
 

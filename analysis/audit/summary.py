@@ -14,6 +14,7 @@ from ..page.labelled import rows
 from ..page.page import Row
 from ..stats.reliability import after_contacts, headline, interval_sentence, plain
 from ..stats.right_exponent import Tuned, outside
+from .answer import answer
 from .checks import summarise_checks
 from .guarantees import broken, guarantee_sentence
 from .leakage.run import Leakage
@@ -143,7 +144,9 @@ def summarise(audit: Audit, settings: AuditSettings, about: Row) -> Row:
         "elapsed_s": audit.elapsed_s,
         "version": version("solidtouch"),
     }
-    return _clean(summary)
+    whole = _clean(summary)
+    whole["verdict"]["short"] = answer(whole)
+    return whole
 
 
 def _judged(judged: BeliefEvidence) -> Row:

@@ -16,6 +16,7 @@ from matplotlib.ticker import FixedLocator, NullLocator, StrMethodFormatter
 from numpy.typing import NDArray
 
 from ...models.grid import ClassGrid
+from ..page.figure_curves import read_off
 from ..page.figure_style import TWO_COLUMNS, axis_label, band, label_panel, new_figure, short, styled
 
 _COLOURS = (
@@ -180,13 +181,15 @@ def plot_against_taps(axes: Axes, curves: xr.Dataset, name: str, policy: str) ->
         between = np.unique(np.concatenate([times, np.geomspace(times[0], times[-1], 200)[1:-1]]))
         names = (name, f"{name}_low", f"{name}_high")
         dense = xr.Dataset({key: ("taps", np.interp(between, times, data[key].values)) for key in names})
-        axes.plot(
+        nodes = np.searchsorted(between, times).tolist()
+        (line,) = axes.plot(
             between,
             dense[name].values,
             label=short(model, curves["model"].values.tolist()),
-            markevery=np.searchsorted(between, times).tolist(),
+            markevery=nodes,
             **style,
         )
+        read_off(line, [f"threshold {theta:g}" for theta in data["theta"].values], at=nodes)
         band(axes, between, dense, name, style["color"], curves.sizes["model"])
     axes.set(title=policy, ylabel=_label(curves, name), ylim=(0, _ROOM * top if top > 0 else None))
     _time_axis(axes, curves["taps"].values.ravel())
@@ -243,7 +246,7 @@ def _dots(axes: Axes, data: xr.Dataset, name: str, dim: str, *, joined: bool) ->
         finite = np.isfinite(part[name].values)
         value, low, high = (part[key].values[finite] for key in (name, f"{name}_low", f"{name}_high"))
         bars = np.clip(np.stack([value - low, high - value]), 0, None)
-        axes.errorbar(
+        line, *_ = axes.errorbar(
             _beside(x, i, data.sizes["model"])[finite],
             value,
             yerr=np.where(np.isfinite(bars), bars, 0.0),
@@ -251,6 +254,7 @@ def _dots(axes: Axes, data: xr.Dataset, name: str, dim: str, *, joined: bool) ->
             label=short(model, data["model"].values.tolist()),
             **style if joined else {**style, "linestyle": "none"},
         )
+        read_off(line, x=[f"{value:g}" for value in x[finite]])
     axes.margins(x=0.06)
     _time_axis(axes, x, ticks=True)
     axes.set_xlabel("contacts" if dim == "contacts" else "mean reaction time (taps)")

@@ -34,66 +34,50 @@ def comparison_tree(comparison: Comparison, summary: Row) -> xr.DataTree:
 
 
 def comparison_page(comparison: Comparison, summary: Row) -> Page:
-    """The page: ranks first, then all results.
+    """The page: ranks first, then a table and a figure for each level, with the others folded.
 
     Args:
         comparison: What came out, for the figures.
         summary: See `summary.summarise`.
     """
     sections = (
-        Section("Findings", [*_findings(summary)], "findings"),
-        Section("Taps", [*_taps(comparison, summary)], "taps"),
-        Section("Predictive checks", [*_checks(comparison, summary)], "checks"),
-        Section("Classes", [*_classes(comparison, summary)], "classes"),
+        Section("Prediction of taps", [*_taps(comparison, summary)], "taps"),
+        Section("Inference of classes", [*_classes(comparison, summary)], "classes"),
         Section("Decisions", [*_decisions(comparison, summary)], "decisions"),
-        Section("Models", [_models(summary)], "models"),
-        Section("Provenance", [*_provenance(summary)], "provenance"),
+        Section("Method and models", [*_method(summary)], "models"),
+        Section("Provenance", [*_provenance(summary)], "provenance", folded=True),
     )
-    return Page(summary["title"], [*_intro(summary)], [section for section in sections if section.blocks])
-
-
-def _intro(summary: Row) -> Iterator[Block]:
-    yield from summary["what_was_run"]
-    yield Verbatim(summary["command"])
-    if summary["simulated"]:
-        yield Note(
-            [
-                "**These data are simulated.** Ranks of the models refer to the simulator; a real sensor may rank "
-                "them differently."
-            ]
-        )
-    refused = [f"{row['name']} was left out: {row['reason']}" for row in summary["refused"]]
-    yield Brief(Cautions([*summary["warnings"], *refused]))
+    return Page(summary["title"], [*_findings(summary)], sections)
 
 
 def _findings(summary: Row) -> Iterator[Block]:
     def rank(cell: Row | None) -> str:
         return "–" if cell is None else f"**{cell['rank']}** ({number(cell['value'])})"
 
-    yield Brief(Listing(summary["findings"]))
+    simulated = "Ranks refer to the simulator; a real sensor may rank the models differently."
+    yield Brief(Note([Listing(summary["findings"]), simulated * summary["simulated"]]))
     titles = [level["title"] + in_brackets(level["unit"]) for level in summary["levels"]]
     rows = [[row["name"], *map(rank, row["levels"])] for row in summary["ranks"]]
     yield Brief(Table(["model", *titles], rows, "Rank of each model (1 is best), with the ranked quantity in brackets"))
+    refused = [f"{row['name']} was left out: {row['reason']}" for row in summary["refused"]]
+    yield Brief(Cautions([*summary["warnings"], *refused]))
+
+
+def _method(summary: Row) -> Iterator[Block]:
+    yield from summary["what_was_run"]
+    yield Verbatim(summary["command"])
     yield (
         f"Taps: mean log probability of a tap’s bins under its own class, for left-out {summary['unit']}s, integrated "
         "over the posterior, at power 1. Classes: mean log belief in the true (position, object) class. Decisions: "
         "mean object error at the longest mean reaction time reached by all models or, if there is none, by most. "
-        "Adjacent ranks may be ties; see the intervals below."
+        "Adjacent ranks may be ties; see the intervals."
     )
+    yield _models(summary)
 
 
 def _taps(comparison: Comparison, summary: Row) -> Iterator[Block]:
+    """Prediction, with what is left out by single taps and predictive checks folded."""
     unit, means = summary["unit"], comparison.left_out_groups
-    drawn = unit if means is None else means.attrs["drawn"]
-    how = f"leaving out each {drawn} in turn"
-    if unit != "session":
-        how = f"leaving out each fold of {unit}s, and hold for independent {unit}s"
-    yield (
-        f"{summary['groups']} Values are mean log probabilities per tap, in nats, of the same bins for all models, "
-        "at power 1. Integrated: over the posterior of the parameters. Plug-in: at the parameters used for decisions. "
-        f"Intervals are 95% jackknife intervals, {how}. Stacking weights are those of ArviZ (`az.compare`), with taps "
-        "as units."
-    )
     if means is not None:
         less = f"− {summary['reference']}"
         yield Brief(
@@ -120,10 +104,23 @@ def _taps(comparison: Comparison, summary: Row) -> Iterator[Block]:
             "Mean log probability of a tap’s bins minus that of the reference model, with 95% intervals.",
             partial(figures_taps.groups_left_out, means),
         )
-        if unit != "session":
-            yield from _inferred(summary)
+    drawn = unit if means is None else means.attrs["drawn"]
+    how = f"leaving out each {drawn} in turn"
+    if unit != "session":
+        how = f"leaving out each fold of {unit}s, and hold for independent {unit}s"
+    meaning = (
+        f"{summary['groups']} Values are mean log probabilities per tap, in nats, of the same bins for all models, "
+        "at power 1. Integrated: over the posterior of the parameters. Plug-in: at the parameters used for decisions. "
+        f"Intervals are 95% jackknife intervals, {how}. Stacking weights are those of ArviZ (`az.compare`), with taps "
+        "as units."
+    )
+    yield Section("What is compared", [meaning], folded=True)
+    if means is not None and unit != "session":
+        other = "object" if unit == "position" else "position"
+        yield Section(f"{other.capitalize()} after one tap at left-out {unit}s", [*_inferred(summary)], folded=True)
     if comparison.left_out_taps is not None:
-        yield from _single_taps(comparison.left_out_taps, summary)
+        yield Section("Single left-out taps", [*_single_taps(comparison.left_out_taps, summary)], folded=True)
+    yield Section("Predictive checks", [*_checks(comparison, summary)], "checks", folded=True)
 
 
 def _inferred(summary: Row) -> Iterator[Block]:
@@ -216,94 +213,123 @@ def _checks(comparison: Comparison, summary: Row) -> Iterator[Block]:
 
 
 def _classes(comparison: Comparison, summary: Row) -> Iterator[Block]:
-    yield (
-        "Beliefs after fixed numbers of taps of one class and session, without moves or stopping; all models see the "
-        f"same sequences. {summary['class_interval']}"
-    )
-    scores = {"log belief in the true class (nat)": "log_score_joint"}
-    others = {}
-    if comparison.grid.M > 1:
-        others |= {"Brier score, object": "brier_what", "calibration error, object": "calibration_what"}
-        others |= {"object correct": "accuracy_what"}
-    if comparison.grid.L > 1:
-        others |= {"position correct": "accuracy_where"}
-    for n in summary["contacts"]:
-        yield Table(
-            ["model", *scores, f"− {summary['reference']}", *others],
-            [
-                [
-                    row["name"],
-                    interval(row, "log_score_joint"),
-                    interval(row, "log_score_joint_difference"),
-                    *(interval(row, name) for name in others.values()),
-                ]
-                for row in summary["classes"]
-                if row["contacts"] == n
-            ],
-            f"After {n} tap{'' if n == 1 else 's'}",
-            dense=True,
-        )
+    """Scores after the most taps that give intervals, with those after others folded."""
+    known = [row["contacts"] for row in summary["classes"] if row["log_score_joint_low"] is not None]
+    shown = max(known, default=summary["contacts"][-1])
+    yield _class_table(comparison, summary, shown)
     yield Picture(
         "classes",
         "Beliefs after fixed numbers of taps",
         "Scores of beliefs against the number of taps of one class, with 95% intervals.",
         partial(figures.class_scores, comparison.classes, comparison.grid),
+        curves=True,
     )
-    yield Picture(
+    meaning = (
+        "Beliefs after fixed numbers of taps of one class and session, without moves or stopping; all models see the "
+        f"same sequences. {summary['class_interval']}"
+    )
+    yield Section("What is compared", [meaning], folded=True)
+    others = [_class_table(comparison, summary, n) for n in summary["contacts"] if n != shown]
+    yield Section("After other numbers of taps", others, folded=True)
+    differences = Picture(
         "class_differences",
         "Beliefs relative to the reference model",
         "The same scores minus those of the reference model on the same sequences.",
         partial(figures.class_differences, comparison.classes, comparison.grid),
+        curves=True,
+    )
+    yield Section("Differences from the reference model", [differences], folded=True)
+
+
+def _class_table(comparison: Comparison, summary: Row, n: int) -> Table:
+    scores = {}
+    if comparison.grid.M > 1:
+        scores |= {"Brier score, object": "brier_what", "calibration error, object": "calibration_what"}
+        scores |= {"object correct": "accuracy_what"}
+    if comparison.grid.L > 1:
+        scores |= {"position correct": "accuracy_where"}
+    return Table(
+        ["model", "log belief in the true class (nat)", f"− {summary['reference']}", *scores],
+        [
+            [
+                row["name"],
+                interval(row, "log_score_joint"),
+                interval(row, "log_score_joint_difference"),
+                *(interval(row, name) for name in scores.values()),
+            ]
+            for row in summary["classes"]
+            if row["contacts"] == n
+        ],
+        f"After {n} tap{'' if n == 1 else 's'}",
+        dense=True,
     )
 
 
 def _decisions(comparison: Comparison, summary: Row) -> Iterator[Block]:
-    yield (
-        f"{summary['trials']} trials of each model and policy, from the same starts and with the same random numbers. "
-        f"{summary['decision_interval']} Errors are compared at equal mean reaction times along the curves; a dash "
-        "means that a model does not reach that reaction time. Miscalibration is the fraction of wrong objects over "
-        "the mean of 1 − belief at the decision (1 if calibrated)."
-    )
+    """Errors at equal reaction times of the last policy, with all else folded."""
     units = summary["units"]
     what = "P(wrong)" if units["what"] == "P(wrong)" else f"object error ({units['what']})"
-    where = "position error" + in_brackets(units["where"])
-    errors = {what: "what_error"} if comparison.grid.M > 1 else {}
-    errors |= {where: "where_error"} if comparison.grid.L > 1 else {}
-    for policy in ("passive", "active"):
-        yield Table(
-            ["model", *errors, "taps", "stopped by threshold", "test taps used up", "miscalibration"],
-            [
-                [
-                    row["name"],
-                    *(interval(row, name) for name in (*errors.values(), "taps")),
-                    percent(row["stopped_fraction"]),
-                    percent(row["used_up"]),
-                    factor_of(row, "miscalibration"),
-                ]
-                for row in summary["decisions"]
-                if (row["policy"], row["theta"]) == (policy, summary["shown_theta"])
-            ],
-            f"{policy.capitalize()}, at threshold {number(summary['shown_theta'], 10)}",
-        )
-        yield _at_equal_times([row for row in summary["equal_taps"] if row["policy"] == policy], policy, what)
+    played = [policy for policy in ("passive", "active") if _rows_of(summary["decisions"], policy)]
+    *others, last = [policy for policy in played if _rows_of(summary["equal_taps"], policy)] or [""]
+    yield _at_equal_times(_rows_of(summary["equal_taps"], last), last, what)
     yield Picture(
         "decisions",
         "Errors against reaction time",
         "Mean errors against mean reaction times, one point per threshold; bands are 95% intervals, cut at the "
         "top of the panels.",
         partial(figures.decision_curves, comparison.curves, comparison.grid),
+        curves=True,
     )
-    yield Picture(
+    meaning = (
+        f"{summary['trials']} trials of each model and policy, from the same starts and with the same random numbers. "
+        f"{summary['decision_interval']} Errors are compared at equal mean reaction times along the curves; a dash "
+        "means that a model does not reach that reaction time. Miscalibration is the fraction of wrong objects over "
+        "the mean of 1 − belief at the decision (1 if calibrated)."
+    )
+    yield Section("What is compared", [meaning], folded=True)
+    tables = [_at_threshold(comparison, summary, policy, what) for policy in played]
+    yield Section(f"At threshold {number(summary['shown_theta'], 10)}", tables, folded=True)
+    differences = Picture(
         "decision_differences",
         "Errors at equal reaction times, relative to the reference model",
         "Error minus that of the reference model at the same mean reaction time, in the same trials.",
         partial(figures.decision_differences, comparison.equal, comparison.grid),
+        curves=True,
     )
-    yield Picture(
+    equal = [_at_equal_times(_rows_of(summary["equal_taps"], policy), policy, what) for policy in others]
+    yield Section("At equal reaction times", [*equal, differences], folded=True)
+    calibration = Picture(
         "miscalibration",
         "Calibration of decisions",
         "Fraction of wrong objects over the mean of 1 − belief, against the threshold; 1 if calibrated.",
         partial(figures.miscalibration, comparison.curves),
+        curves=True,
+    )
+    yield Section("Calibration of decisions", [calibration], folded=True)
+
+
+def _rows_of(rows: list[Row], policy: str) -> list[Row]:
+    return [row for row in rows if row["policy"] == policy]
+
+
+def _at_threshold(comparison: Comparison, summary: Row, policy: str, what: str) -> Table:
+    errors = {what: "what_error"} if comparison.grid.M > 1 else {}
+    where = "position error" + in_brackets(summary["units"]["where"])
+    errors |= {where: "where_error"} if comparison.grid.L > 1 else {}
+    return Table(
+        ["model", *errors, "taps", "stopped by threshold", "test taps used up", "miscalibration"],
+        [
+            [
+                row["name"],
+                *(interval(row, name) for name in (*errors.values(), "taps")),
+                percent(row["stopped_fraction"]),
+                percent(row["used_up"]),
+                factor_of(row, "miscalibration"),
+            ]
+            for row in _rows_of(summary["decisions"], policy)
+            if row["theta"] == summary["shown_theta"]
+        ],
+        f"{policy.capitalize()}",
     )
 
 

@@ -78,8 +78,8 @@ class _Ahead:
             else:
                 if found is None:
                     return None
-                number, svg, inches = found
-                return Drawing(svg, inches, partial(_pixels, process, number, draw))
+                number, svg, inches, curves = found
+                return Drawing(svg, inches, partial(_pixels, process, number, draw), curves)
         return drawn(draw)
 
 

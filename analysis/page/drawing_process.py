@@ -46,8 +46,8 @@ class DrawingProcess:
         self._turn = threading.Lock()
         self._warned: dict[Any, Any] = {}
 
-    def draw(self, draw: Callable[[], Any]) -> tuple[int, bytes, float] | None:
-        """Draws a figure: its number, SVG and width in inches, or `None` where there is nothing to draw.
+    def draw(self, draw: Callable[[], Any]) -> tuple[int, bytes, float, Any] | None:
+        """Draws a figure: its number, SVG, width in inches and curves, or `None` where there is nothing to draw.
 
         Raises:
             NotDrawn: It is drawn by nobody yet.
@@ -143,7 +143,7 @@ def _serve(requests: IO[bytes], answers: IO[bytes]) -> None:
         if drawing is None:
             return None
         drawings.append(drawing)
-        return len(drawings) - 1, drawing.svg, drawing.inches
+        return len(drawings) - 1, drawing.svg, drawing.inches, drawing.curves
 
     while True:
         sent = pickle.load(requests)  # noqa: S301 - of our own process

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...models.storage import complete_file
+from .figure_curves import CurvePanel, curves_of
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -153,11 +154,13 @@ class Drawing(NamedTuple):
         svg: Its SVG, the same bytes for the same figure.
         inches: Its width.
         png: Draws it in pixels, 200 dpi.
+        curves: Those that a page reads off and switches off.
     """
 
     svg: bytes
     inches: float
     png: Callable[[], bytes]
+    curves: Sequence[CurvePanel] = ()
 
 
 @styled
@@ -170,9 +173,10 @@ def drawing_of(figure: Figure) -> Drawing:
     if layout is not None:
         layout.execute(figure)
         figure.set_layout_engine(None)  # with an engine a figure is drawn twice
+    curves = curves_of(figure)  # before the SVG, in which they have ids
     file = BytesIO()
     figure.savefig(file, format="svg", dpi=300, metadata={"Date": None, "Creator": "solidtouch"})
-    return Drawing(file.getvalue(), figure.get_figwidth(), partial(_pixels, figure))
+    return Drawing(file.getvalue(), figure.get_figwidth(), partial(_pixels, figure), curves)
 
 
 @styled

@@ -2,7 +2,8 @@
 
 import base64
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import partial
 from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -13,10 +14,11 @@ from markupsafe import Markup
 
 from ...models.errors import InputError
 from .ahead import drawn_ahead, key_of
+from .figure_curves import CurvePanel
 from .figure_style import drawn, save
-from .page import Page, Picture, brief, spans
+from .page import Page, Picture, Section, blocks_of, brief, spans
 
-_IMAGE_BYTES = 4_000_000  # of all figures together; base64 adds a third
+_IMAGE_BYTES = 1_900_000  # of all figures together; base64 adds a third, and a page has less than 3 MB
 _ELEMENTS = {"": Markup("{0}"), "strong": Markup("<strong>{0}</strong>"), "code": Markup("<code>{0}</code>")}
 _LINK = Markup('<a href="{1}">{0}</a>')
 
@@ -27,10 +29,12 @@ class Image(NamedTuple):
     Attributes:
         data: Its file as a data URI.
         width: In CSS pixels, 96 per inch.
+        curves: What is read off and switched off on the page, as JSON; empty without curves.
     """
 
     data: str
     width: int
+    curves: str = ""
 
 
 def write_page(
@@ -62,7 +66,8 @@ def draw_pictures(
             drawing = known[key][1] if key in known else drawn(picture.draw)
             if drawing is not None:
                 files = save(drawing, folder, picture.name, _IMAGE_BYTES // len(pictures))
-                images[picture.name] = embedded(files, round(96 * drawing.inches))
+                image = embedded(files, round(96 * drawing.inches))
+                images[picture.name] = image._replace(curves=_as_json(drawing.curves if picture.curves else ()))
         except InputError:  # of the folder
             raise
         except Exception as error:  # a figure must not cost the results
@@ -80,12 +85,16 @@ def render_page(page: Page, images: Mapping[str, Image | str] | None = None) -> 
         page: What it shows.
         images: Its figures by name, or why one is missing; others are left out.
     """
-    return _template().render(page=page, images=images or {}, style=_file("page.css"), whole=True)
+    images = images or {}
+    page = page.filled(images)
+    style, script = _file("page.css"), _file("page.js")
+    return _template(page).render(page=page, images=images, style=style, script=script, whole=True)
 
 
 def render_brief(page: Page) -> str:
     """The short version of the page, without figures and styles, as part of another page."""
-    return _template().render(page=brief(page), images={}, whole=False)
+    page = brief(page).filled()
+    return _template(page).render(page=page, images={}, whole=False)
 
 
 def embedded(files: Sequence[Path], width: int) -> Image:
@@ -96,15 +105,25 @@ def embedded(files: Sequence[Path], width: int) -> Image:
     return Image(data, width)
 
 
-def _template() -> Template:
+def _template(page: Page) -> Template:
+    blocks = [*blocks_of([*page.intro, *page.sections])]
+    ids = {block.id for block in blocks if isinstance(block, Section)}
+    ids |= {f"figure-{block.name}" for block in blocks if isinstance(block, Picture)}
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    environment.filters.update(kind=lambda block: type(block).__name__, marked=_marked)
+    environment.filters.update(kind=lambda block: type(block).__name__, marked=partial(_marked, ids=ids - {""}))
     return environment.from_string(_file("page.html"))
 
 
-def _marked(text: str) -> Markup:
-    """The text with its marks as elements, all else escaped."""
-    return Markup("").join(_ELEMENTS.get(kind, _LINK).format(words, kind) for words, kind in spans(text))
+def _as_json(curves: Sequence[CurvePanel]) -> str:
+    """Curves for the page's script; records by the names of their fields."""
+    panels = [panel._asdict() | {"series": [one._asdict() for one in panel.series]} for panel in curves]
+    return json.dumps(panels, ensure_ascii=False, separators=(",", ":")) if panels else ""
+
+
+def _marked(text: str, ids: Collection[str]) -> Markup:
+    """The text with its marks as elements, all else escaped; what would lead nowhere is no link."""
+    known = ((words, "" if kind.startswith("#") and kind[1:] not in ids else kind) for words, kind in spans(text))
+    return Markup("").join(_ELEMENTS.get(kind, _LINK).format(words, kind) for words, kind in known)
 
 
 def _file(name: str) -> str:

@@ -39,12 +39,14 @@ class Picture(NamedTuple):
         title: Its name on the page.
         caption: What is to be seen.
         draw: Draws it; `None` where there is nothing to draw, which leaves it out.
+        curves: Whether the page tells the values of its curves and can switch them off, see `figure_curves`.
     """
 
     name: str
     title: str
     caption: str
     draw: "Callable[[], Figure | None]"
+    curves: bool = False
 
 
 class Listing(NamedTuple):
@@ -78,25 +80,38 @@ class Note(NamedTuple):
     blocks: "Sequence[Block]"
 
 
+class SideBySide(NamedTuple):
+    """Blocks that stand beside each other where there is room."""
+
+    blocks: "Sequence[Block]"
+
+
 class Cautions(NamedTuple):
     """Warnings that affect the numbers; nothing without a sentence."""
 
     sentences: Sequence[str]
 
 
-class Folded(NamedTuple):
-    """Terms and what they mean, behind a title that opens them."""
+class Terms(NamedTuple):
+    """Terms and what they mean."""
 
-    title: str
-    terms: Sequence[Mapping[str, str]]
+    meanings: Mapping[str, str]
 
 
 class Section(NamedTuple):
-    """Blocks under a heading, in the navigation by its id; sections within have none."""
+    """Blocks under a heading; one without any is left out.
+
+    Attributes:
+        title: The heading.
+        blocks: What is under it.
+        id: That links name, unique on the page; sections of a page are in the navigation by it.
+        folded: Whether the heading has to be opened first; links and printing do so.
+    """
 
     title: str
     blocks: "Sequence[Block]"
     id: str = ""
+    folded: bool = False
 
 
 class Brief(NamedTuple):
@@ -108,7 +123,12 @@ class Brief(NamedTuple):
 
 type Row = Mapping[str, Any]
 """Names and values of a summary, as its JSON file holds them."""
-type Block = str | Table | Picture | Embedded | Listing | Verbatim | Note | Cautions | Folded | Section | Brief
+type Block = (
+    str | Table | Picture | Listing | Verbatim | Note | SideBySide | Cautions | Terms | Embedded | Section | Brief
+)
+
+
+_GROUPS = Section, Note, SideBySide
 
 
 class Page(NamedTuple):
@@ -123,13 +143,41 @@ class Page(NamedTuple):
         """All figures in their order."""
         return [block for block in blocks_of([*self.intro, *self.sections]) if isinstance(block, Picture)]
 
+    def filled(self, pictures: Collection[str] = ()) -> "Page":
+        """What shows something, of figures those of these names, so that every section has a content."""
+        sections = [block for block in filled(self.sections, pictures) if isinstance(block, Section)]
+        return self._replace(intro=filled(self.intro, pictures), sections=sections)
+
 
 def blocks_of(blocks: Iterable[Block]) -> Iterator[Block]:
     """All blocks in their order, those of the sections among them, too."""
     for block in blocks:
         yield block
-        if isinstance(block, Section):
+        if isinstance(block, _GROUPS):
             yield from blocks_of(block.blocks)
+
+
+def filled(blocks: Iterable[Block], pictures: Collection[str]) -> list[Block]:
+    """Blocks that show something, with what does so in them; of figures those of these names."""
+    kept = (
+        block._replace(blocks=filled(block.blocks, pictures)) if isinstance(block, _GROUPS) else block
+        for block in blocks
+    )
+    return [block for block in kept if _shows(block, pictures)]
+
+
+def _shows(block: Block, pictures: Collection[str]) -> bool:
+    match block:
+        case Brief(shown):
+            return bool(filled([shown], pictures))
+        case Picture(name):
+            return name in pictures
+        case Listing(items, title):
+            return bool(items or title)
+        case Table(rows=content) | Section(blocks=content) | Note(content) | SideBySide(content):
+            return bool(content)
+        case str(content) | Verbatim(content) | Cautions(content) | Terms(content) | Embedded(content):
+            return bool(content)
 
 
 def briefs(blocks: Iterable[Block]) -> Iterator[Brief]:

@@ -14,6 +14,7 @@ import xarray as xr
 
 from ...models.grid import ClassGrid
 from ..page.figure_confusion import confusion
+from ..page.figure_curves import read_off
 from ..page.figure_episodes import beliefs, trajectories
 from ..page.figure_style import (
     ACTIVE,
@@ -81,6 +82,7 @@ def pictures(request: Request, results: Results) -> Iterator[Picture]:
             "Fraction of correct decisions after n taps of the same class, without moves or stopping, with 95% "
             "intervals.",
             partial(contacts, results.accuracy_dataset, results.grid),
+            curves=True,
         )
 
 
@@ -107,12 +109,14 @@ def _active_pictures(request: Request, results: Results) -> Iterator[Picture]:
         "Passive perception by sensing position",
         "Errors and reaction time against the sensing position, one curve per threshold. " + _BAND,
         partial(errors_by_position, results.by_position),
+        curves=True,
     )
     yield Picture(
         "fig5_active",
         "Active perception by fixation point",
         "Errors and reaction time against the fixation point, averaged over starts, one curve per threshold. " + _BAND,
         partial(errors_by_fixation, results.by_fixation),
+        curves=True,
     )
     yield Picture(
         "fig6",
@@ -138,6 +142,7 @@ def _acuity(results: Results) -> Picture:
         title,
         f"Errors against the belief threshold and the mean reaction time; bands and bars are 95% intervals{note}",
         partial(acuity, curves["passive"], curves.get("active")),
+        curves=True,
     )
 
 
@@ -169,7 +174,10 @@ def plot_by_place(axes: Axes, data: xr.Dataset, name: str) -> Axes:
     place = data["place"].values
     size = 3 if len(place) <= 20 else 1.5
     for i, colour in enumerate(shades(data.sizes["theta"])):
-        axes.plot(place, data[name].isel(theta=i).values, ".-", color=colour, linewidth=0.8, markersize=size)
+        at = data.isel(theta=i)
+        style: dict[str, Any] = {"color": colour, "linewidth": 0.8, "markersize": size}
+        (line,) = axes.plot(place, at[name].values, ".-", label=f"threshold {float(at['theta']):g}", **style)
+        read_off(line, low=at[f"{name}_low"], high=at[f"{name}_high"])
     band(axes, place, data.isel(theta=-1), name, "black")
     axes.set_ylabel(_quantity_label(data, name))
     axes.set_ylim(bottom=0)
@@ -229,7 +237,7 @@ def plot_against_threshold(axes: Axes, data: xr.Dataset, name: str, policy: str)
 def plot_against_taps(axes: Axes, data: xr.Dataset, name: str, policy: str) -> Axes:
     """Draws one error against mean reaction time, a point per threshold, with thin bars for both intervals."""
     data = data.sortby("theta")
-    axes.errorbar(
+    line, *_ = axes.errorbar(
         data["taps"].values,
         data[name].values,
         yerr=_bars(data, name),
@@ -238,6 +246,7 @@ def plot_against_taps(axes: Axes, data: xr.Dataset, name: str, policy: str) -> A
         label=policy,
         **_POLICIES[policy],
     )
+    read_off(line, [f"threshold {theta:g}" for theta in data["theta"].values])
     axes.set(xlabel="mean reaction time (taps)", ylabel=_quantity_label(data, name))
     return axes
 

@@ -2,7 +2,9 @@
 
 import xarray as xr
 
+from ..page.figure_style import unit_name
 from ..page.numbers import STORED
+from .answer import answer
 from .record import ErrorRow, HeadlineRecord, PaperRow
 from .results import Results, curve_rows, difference_rows, finite
 
@@ -35,10 +37,11 @@ def headline(results: Results, shown: int) -> HeadlineRecord:
         shown: Index of the threshold.
 
     Returns:
-        `theta`; `stored` and `fresh`, each a sentence on its `meaning` and `rows` of policies and their difference;
-        `enough`, the same as `fresh` at the highest threshold at which the test taps suffice, or `None` where that is
-        `theta` or there is none; `used_up`, the share of fresh decisions made for want of test taps; `few`, whether
-        there are too few test taps, and `still`, whether the finger has hardly moved, sentences or `None`.
+        `answer`, sentences; `theta`; `stored` and `fresh`, each a sentence on its `meaning` and `rows` of policies and
+        their difference; `enough`, the same as `fresh` at the highest threshold at which the test taps suffice, or
+        `None` where that is `theta` or there is none; `used_up`, the share of fresh decisions made for want of test
+        taps; `few`, whether there are too few test taps, and `still`, whether the finger has hardly moved, sentences
+        or `None`.
     """
     stored = {name: curve.isel(theta=[shown]) for name, curve in results.curves.items()}
     theta = float(stored["passive"]["theta"][0])
@@ -48,10 +51,12 @@ def headline(results: Results, shown: int) -> HeadlineRecord:
         return _side({name: one.isel(theta=[list(one["theta"].values).index(at)]) for name, one in curves.items()})
 
     enough = results.enough
+    sides = _side(stored), fresh(theta)
     return {
+        "answer": answer(theta, *sides, _units(results)),
         "theta": theta,
-        "stored": {"meaning": STORED, "rows": _side(stored)},
-        "fresh": {"meaning": _FRESH, "rows": fresh(theta)},
+        "stored": {"meaning": STORED, "rows": sides[0]},
+        "fresh": {"meaning": _FRESH, "rows": sides[1]},
         "enough": None if enough is None else {"meaning": _ENOUGH.format(enough), "rows": fresh(enough)},
         "used_up": results.used_up,
         "few": results.few or None,
@@ -70,6 +75,13 @@ def still(curves: dict[str, xr.Dataset]) -> str | None:
         f"Decisions take {taps:.2f} taps on average, so the finger hardly moves and passive and active perception "
         f"{'cannot' if taps == 1 else 'can hardly'} differ."
     )
+
+
+def _units(results: Results) -> dict[str, str]:
+    """Of the quantities that are not the same for all classes."""
+    grid = results.grid
+    errors = {"what_error": (grid.M, grid.what_error_unit), "where_error": (grid.L, unit_name(grid.where_unit))}
+    return {name: unit for name, (classes, unit) in errors.items() if classes > 1} | {"taps": "taps"}
 
 
 def _side(curves: dict[str, xr.Dataset]) -> list[ErrorRow]:
@@ -93,6 +105,8 @@ def compare(curves: dict[str, xr.Dataset], centre: xr.Dataset) -> list[PaperRow]
         rows.append(
             {
                 "quantity": quantity,
+                "curve": curve,
+                "error": name,
                 "paper": value,
                 "ours": finite(ours[name]),
                 "ours_low": finite(ours[f"{name}_low"]),

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator
 
 from ..experiment.crosscheck import CrossCheck
 from ..page.numbers import crosscheck_table, in_brackets, interval, number, percent
-from ..page.page import Block, Brief, Cautions, Embedded, Note, Page, Picture, Section, Table, Verbatim
+from ..page.page import Block, Brief, Cautions, Embedded, Note, Page, Picture, Section, SideBySide, Table, Verbatim
 from .record import ANSWERS, ErrorRow, ReproductionSummary
 
 _LISTS = (("Options", "options", 10), ("Versions", "versions", 10), ("Time spent (s)", "elapsed_s", 3))
@@ -14,7 +14,7 @@ _RATES = ("stopped_fraction", "clamped_fraction", "substituted_fraction")
 def report_page(
     summary: ReproductionSummary, check: CrossCheck, drawn: Iterable[Picture], example: Embedded | None = None
 ) -> Page:
-    """The page; sections without content are left out.
+    """The page: the answer with its figure, then what it rests on; sections without content are left out.
 
     Args:
         summary: See `summary.summarise`.
@@ -22,32 +22,62 @@ def report_page(
         drawn: The figures.
         example: An episode to play.
     """
-    theta = number(summary["headline"]["theta"], 10)
+    figures = {picture.name: picture for picture in drawn}
+    intro = [*_answer(summary), *filter(None, [figures.pop("fig7", None)]), *_cautions(summary)]
     sections = (
-        Section("Method", [*_run(summary)], "run"),
-        Section(f"Passive and active at threshold {theta}", [*_headline(summary)], "headline"),
+        Section("Fresh taps", [*_headline(summary)], "headline"),
         Section("Comparison with the paper", [*_paper(summary)], "paper"),
-        Section("Figures", [*drawn], "figures"),
+        Section("Figures", [*figures.values()], "figures"),
         Section("An episode, tap by tap", [] if example is None else [example], "episode"),
-        Section("Results", [*_results(summary)], "results"),
-        Section("Accuracy against contacts", [*_accuracy(summary)], "contacts"),
-        Section("Cross-check of the engines", [*_crosscheck(check)], "crosscheck"),
-        Section("Provenance", [*_provenance(summary)], "provenance"),
+        Section("Method and data", [*_run(summary)], "run"),
+        Section("Results at all thresholds", [*_results(summary)], "results", folded=True),
+        Section("Accuracy against contacts", [*_accuracy(summary)], "contacts", folded=True),
+        Section("Cross-check of the engines", [*_crosscheck(check)], "crosscheck", folded=True),
+        Section("Provenance", [*_provenance(summary)], "provenance", folded=True),
     )
-    return Page(summary["title"], [], [section for section in sections if section.blocks])
+    return Page(summary["title"], intro, sections)
+
+
+def _answer(summary: ReproductionSummary) -> Iterator[Block]:
+    """The comparison in a sentence and a table, with the paper's numbers."""
+    headline = summary["headline"]
+    sentences = [f"**{headline['answer'][0]}**", *headline["answer"][1:], headline["still"] or ""]
+    if summary["simulated"]:
+        sentences.append(
+            "The data are simulated; the simulator was calibrated to the paper’s headline errors, so agreement is not "
+            "evidence for the paper or for a real sensor."
+        )
+    note = Brief(Note([" ".join(filter(None, sentences))]))
+    rows = [[_policy(row), *_errors_and_taps(row)] for row in headline["stored"]["rows"]]
+    rows += [[f"paper, {name}", *map(number, errors), "–"] for name, errors in _paper_errors(summary)]
+    sized = [column for column, size in ((1, "M"), (2, "L")) if summary["grid"][size] > 1]
+    caption = f"At threshold {number(headline['theta'], 10)}, on stored taps, with 95% intervals"
+    caption += "; of the paper the lowest errors" * bool(summary["paper"])
+    table = Table(["perception", *_heads(summary)], rows, caption)
+    yield SideBySide([note, Brief(table, columns=(0, *sized, 3))])
+
+
+def _paper_errors(summary: ReproductionSummary) -> Iterator[tuple[str, tuple[float | None, float | None]]]:
+    """The paper's errors of object and position, by policy."""
+    for policy in ("passive", "active"):
+        found = {row["error"]: row["paper"] for row in summary["paper"] or () if row["curve"] == policy}
+        if found:
+            yield policy, (found.get("what_error"), found.get("where_error"))
+
+
+def _policy(row: ErrorRow) -> str:
+    return row["policy"].replace(" - ", " − ")
+
+
+def _cautions(summary: ReproductionSummary) -> Iterator[Block]:
+    few = summary["headline"]["few"]
+    known = [few] if few and few != summary["interval"] else []
+    yield Brief(Cautions([*known, *summary["warnings"], *summary["skipped"]]))
 
 
 def _run(summary: ReproductionSummary) -> Iterator[Block]:
     yield from summary["what_was_run"]
     yield Verbatim(summary["command"])
-    if summary["simulated"]:
-        yield Note(
-            [
-                "**These data are simulated.** The simulator was calibrated to the paper’s headline errors, so "
-                "agreement below is not evidence for the paper or for a real sensor."
-            ]
-        )
-    yield Brief(Cautions([*summary["warnings"], *summary["skipped"]]))
     heads = ("name", "taps", "sessions", "description")
     rows = [[number(item[head]) for head in heads] for item in summary["data"]]
     yield Table(heads, rows, "Data", words={3})
@@ -73,21 +103,17 @@ def _grid(summary: ReproductionSummary) -> str:
 
 
 def _headline(summary: ReproductionSummary) -> Iterator[Block]:
+    """What fresh taps say, and what the two kinds of taps are."""
     headline = summary["headline"]
-    if headline["still"]:
-        yield Brief(f"**{headline['still']}**")
-    sides = {"stored": headline["stored"], "fresh": headline["fresh"]}
+    sides = {number(headline["theta"], 10): headline["fresh"]}
     if headline["enough"]:
-        sides[f"fresh, at threshold {number(headline['enough']['rows'][0]['theta'], 10)}"] = headline["enough"]
-    rows = [
-        [name, row["policy"].replace(" - ", " − "), *_errors_and_taps(row)]
-        for name, side in sides.items()
-        for row in side["rows"]
-    ]
+        sides[number(headline["enough"]["rows"][0]["theta"], 10)] = headline["enough"]
+    rows = [[theta, _policy(row), *_errors_and_taps(row)] for theta, side in sides.items() for row in side["rows"]]
     sized = [column for column, size in ((2, "M"), (3, "L")) if summary["grid"][size] > 1]
-    yield Brief(Table(["test taps", "perception", *_heads(summary)], rows, words={1}), columns=(0, 1, *sized, 4))
-    few = f"**{headline['few']}**" if headline["few"] and headline["few"] != summary["interval"] else ""
-    yield Brief(" ".join(filter(None, (*(side["meaning"] for side in sides.values()), few, summary["interval"]))))
+    table = Table(["belief threshold", "perception", *_heads(summary)], rows, "On fresh taps", words={1})
+    yield Brief(table, columns=(0, 1, *sized, 4))
+    meanings = [side["meaning"] for side in (headline["stored"], *sides.values())]
+    yield Brief(" ".join(filter(None, (*meanings, summary["interval"]))))
     if summary["differences"]:
         yield "Differences are paired: passive and active trials have the same starts and random numbers."
 

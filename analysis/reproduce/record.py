@@ -76,6 +76,7 @@ class HeadlineSide(TypedDict):
 class HeadlineRecord(TypedDict):
     """Headline numbers of both policies, see `headline.headline`."""
 
+    answer: list[str]
     theta: float
     stored: HeadlineSide
     fresh: HeadlineSide
@@ -98,6 +99,8 @@ class PaperRow(TypedDict):
     """A number of the paper and ours."""
 
     quantity: str
+    curve: str
+    error: str
     paper: float
     ours: float | None
     ours_low: float | None

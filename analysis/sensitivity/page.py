@@ -13,7 +13,7 @@ _ADVANTAGES = ("what_error", "where_error", "taps")
 
 def sensitivity_page(summary: Row) -> Page:
     """The page: a section for each source of data, and the rules of the verdicts."""
-    intro = [
+    method = [
         "Each choice that the paper leaves open has a default here. This study runs every other option against the "
         "defaults on the same trials and reports whether it changes the paper's conclusion, its numbers or nothing. "
         f"Results are at threshold {number(summary['theta'])} unless stated otherwise.",
@@ -24,9 +24,8 @@ def sensitivity_page(summary: Row) -> Page:
     ]
     versions = ", ".join(f"{name} {version}" for name, version in summary["versions"].items())
     made = f"{summary['trials']} trials of each data set, policy and option; seed {summary['seed']}. {versions}."
-    return Page(
-        summary["title"], intro, [*sections, Section("Rules of the verdicts", [*summary["rules"], made], "rules")]
-    )
+    rules = Section("Method and rules of the verdicts", [*method, *summary["rules"], made], "rules")
+    return Page(summary["title"], [], [*sections, rules])
 
 
 def _source(i: int, source: Row) -> Iterator[Block]:
@@ -34,9 +33,8 @@ def _source(i: int, source: Row) -> Iterator[Block]:
     yield Brief(Note([*source["findings"], *(Listing(one["items"], one["title"]) for one in source["lists"])]))
     if source["simulated"]:
         yield "**These data are simulated.** The simulator was calibrated to the paper's numbers."
-    yield Brief(f"{source['grid']['L']} positions and {source['grid']['M']} objects. {source['units']}")
     what, where = in_brackets(source["what_unit"]), in_brackets(source["where_unit"])
-    yield _defaults(source, what, where)
+    yield Brief(f"{source['grid']['L']} positions and {source['grid']['M']} objects. {source['units']}")
     yield (
         "Brackets are 95% intervals; for dashes and numbers without brackets see the [rules](#rules)."
         + " Objects have no sizes, so the object error is the fraction of wrong decisions, P(wrong)."
@@ -53,9 +51,10 @@ def _source(i: int, source: Row) -> Iterator[Block]:
     )
     yield Brief(_ranking(source, what), columns=(0, 3, 4, 5))
     yield from (f"{choice['name'].capitalize()}: {choice['note']}" for choice in source["choices"] if choice["note"])
-    yield _options(source, what, where)
+    yield Section("Under the defaults", [_defaults(source, what, where)], folded=True)
+    yield Section("All options", [_options(source, what, where)], folded=True)
     if source["pairs"]:
-        yield Picture(
+        pairs = Picture(
             f"pairs-{i}",
             f"Pairs of the strongest options: {source['name']}",
             "Change of the object error by both options minus the sum of their separate changes, with 95% intervals; "
@@ -64,6 +63,7 @@ def _source(i: int, source: Row) -> Iterator[Block]:
             "limit and logarithmic beyond.",
             partial(figures.interactions, source),
         )
+        yield Section("Pairs of the strongest options", [pairs], folded=True)
     left_out = [
         f"{row['choice']}, {row['option']}: {row['reason']}." for row in (*source["not_run"], *source["skipped"])
     ]

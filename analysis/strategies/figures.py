@@ -15,6 +15,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from ...models.grid import ClassGrid
+from ..page.figure_curves import read_off
 from ..page.figure_episodes import plot_trajectories
 from ..page.figure_style import ACTIVE, OTHERS, PASSIVE, TWO_COLUMNS, axis_label, label_panel, new_figure, styled
 from ..page.page import Row
@@ -68,7 +69,7 @@ def curves(source: Row) -> Figure:
         panels[0].set_ylim(0, _top(drawn.values(), quantity))
         for panel, names in zip(panels, groups.values(), strict=True):
             for place, name in enumerate((BASE, *names)):
-                plot_curve(panel, drawn[name], across, quantity, _look(name))
+                plot_curve(panel, drawn[name], across, quantity, _look(name), "threshold")
                 plot_end(panel, drawn[name], quantity, place, _look(name))
             label_panel(panel, next(letters))
             _across(panel, drawn.values(), across)
@@ -96,10 +97,14 @@ def grouped(names: Iterable[str]) -> dict[str, list[str]]:
     return {title: members for title, members in found.items() if members} or {"": []}
 
 
-def plot_curve(axes: Axes, points: Points, across: str, quantity: str, look: Mapping[str, Any]) -> Axes:
-    """Draws one curve over the levels of a rule."""
+def plot_curve(
+    axes: Axes, points: Points, across: str, quantity: str, look: Mapping[str, Any], level: str = "level"
+) -> Axes:
+    """Draws one curve over the levels of a rule, which are called so where they are read off."""
     known = [point for point in points if point[quantity] is not None]
-    axes.plot([point[across] for point in known], [point[quantity] for point in known], **look)
+    (line,) = axes.plot([point[across] for point in known], [point[quantity] for point in known], **look)
+    low, high = (np.array([point.get(f"{quantity}{end}") for point in known], float) for end in ("_low", "_high"))
+    read_off(line, [f"{level} {point['level']:g}" for point in known], low=low, high=high)
     return axes
 
 
@@ -251,7 +256,7 @@ def stopping(source: Row) -> Figure:
     rows = -(-(len(others) + 1) // _COLUMNS)
     figure, axes = new_figure(TWO_COLUMNS, 0.3 + 1.6 * rows, rows, _COLUMNS)
     *panels, last = axes.flat[: len(others) + 1]
-    looks = {rule: _rule_look(number) for number, rule in enumerate(others)}
+    looks = {rule: {"label": rule, **_rule_look(number)} for number, rule in enumerate(others)}
     top = _top(drawn.values(), "what_error")
     for panel, rule in zip(panels, others, strict=True):
         panel.set_ylim(0, top)

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from functools import partial
 
 from ..page.numbers import factor_of, in_brackets, interval, number, percent
-from ..page.page import Block, Brief, Folded, Note, Page, Picture, Row, Section, Table, Verbatim
+from ..page.page import Block, Brief, Note, Page, Picture, Row, Section, Table, Terms, Verbatim
 from . import figures
 from .figures_regret import regret
 from .figures_trust import trust
@@ -19,14 +19,6 @@ _COMPARED = ("what_error", "where_error", "way")
 
 def strategies_page(summary: Row) -> Page:
     """The page: findings, a section for each kind of data, overconfidence, regret and method."""
-    intro: list[Block] = [
-        "The paper moves to a fixation point and stops at a belief threshold. This study compares it with other "
-        "control strategies and stopping rules on the same trials and taps. A negative difference is a lower error "
-        "than with the paper's fixation point.",
-        Verbatim(summary["command"]),
-        Folded("Strategies and stopping rules", [summary["strategy_words"], summary["rule_words"]]),
-        Brief(Note(summary["findings"])),
-    ]
     sections = [
         Section(source["name"], [*_source(i, source, summary["theta"])], f"source-{i}")
         for i, source in enumerate(summary["sources"], 1)
@@ -36,7 +28,9 @@ def strategies_page(summary: Row) -> Page:
     if summary["regret"]:
         sections.append(Section("Regret", [*_regret(summary["regret"])], "regret-section"))
     sections.append(Section("Method", [*_rules(summary)], "rules"))
-    return Page(summary["title"], intro, sections)
+    first, *others = summary["findings"]
+    more = Section("Findings on other data, overconfidence and regret", [*map(Brief, others)], folded=True)
+    return Page(summary["title"], [Brief(Note([f"**{first}**"])), more], sections)
 
 
 def _source(i: int, source: Row, theta: float) -> Iterator[Block]:
@@ -45,10 +39,6 @@ def _source(i: int, source: Row, theta: float) -> Iterator[Block]:
     error = f"object error ({source['what_unit']})"
     unit = in_brackets(source["where_unit"])
     yield from (Brief(sentence) for sentence in source["findings"])
-    yield (
-        f"{source['grid']['L']} positions and {source['grid']['M']} objects, power {first['power']}, border "
-        f"{source['border']}. {source['units']}" + " **These data are simulated.**" * source["simulated"]
-    )
     yield Picture(
         f"curves-{i}",
         f"Error against taps and travel: {name}",
@@ -57,18 +47,15 @@ def _source(i: int, source: Row, theta: float) -> Iterator[Block]:
         "point. Right of each panel stand the last points with their 95% intervals, in the order of the key; an "
         "arrowhead is where one is cut.",
         partial(figures.curves, source),
+        curves=True,
     )
-    yield _at_threshold(source, theta, error, unit)
-    yield Picture(
-        f"equal-taps-{i}",
-        f"Strategies at equal taps: {name}",
-        "Paired difference of the object error from that of the fixation point, at equal mean numbers of taps. Thick "
-        "lines are individual 95% intervals, thin lines simultaneous ones; hollow points have no interval. Arrowheads "
-        "mark clipped intervals.",
-        partial(figures.equal_taps, source),
+    yield (
+        f"{source['grid']['L']} positions and {source['grid']['M']} objects, power {first['power']}, border "
+        f"{source['border']}. {source['units']}" + " **These data are simulated.**" * source["simulated"]
     )
     less = "− fixation"
     heads = ["strategy", "taps", error, less, f"position error{unit}", less, f"travel{unit}", less, "null decisions"]
+    tables = {}
     for family, caption in _EQUAL.items():
         rows = [
             [
@@ -83,24 +70,43 @@ def _source(i: int, source: Row, theta: float) -> Iterator[Block]:
             ]
             for row in first["equal"][family]
         ]
-        table = Table(heads, rows, caption, dense=True)
-        yield Brief(table, columns=(0, 1, 2, 3)) if family == FIXED else table
+        tables[family] = Table(heads, rows, caption, dense=True)
+    yield Brief(tables[FIXED], columns=(0, 1, 2, 3))
+    equal = Picture(
+        f"equal-taps-{i}",
+        f"Strategies at equal taps: {name}",
+        "Paired difference of the object error from that of the fixation point, at equal mean numbers of taps. Thick "
+        "lines are individual 95% intervals, thin lines simultaneous ones; hollow points have no interval. Arrowheads "
+        "mark clipped intervals.",
+        partial(figures.equal_taps, source),
+    )
+    yield Section("At equal mean numbers of taps", [equal, tables[PAPER]], folded=True)
+    yield Section(f"At threshold {number(theta)}", [_at_threshold(source, theta, error, unit)], folded=True)
+    yield Section("Stopping rules", [*_stopping(i, source)], folded=True)
+    trajectories = Picture(
+        f"trajectories-{i}",
+        f"Trajectories: {name}",
+        f"Position against taps in {len(next(iter(source['paths'].values())))} trials of one data set up to their "
+        f"decision at threshold {theta:g}, from the same starts. Lines at the same position are offset by up to a "
+        "quarter of a class, and dots mark decisions; strokes at the left are trials decided at tap 1; grey: fraction "
+        "of trials that make a tap; dashed: the fixation point.",
+        partial(figures.trajectories, source),
+    )
+    yield Section("Trajectories", [trajectories], folded=True)
+
+
+def _stopping(i: int, source: Row) -> Iterator[Block]:
     yield Picture(
         f"stopping-{i}",
-        f"Stopping rules: {name}",
+        f"Stopping rules: {source['name']}",
         "Object error of trials with a decision along the levels of each rule (colour) and of the paper's rule "
         "(grey), with the fixation point; last panel: fraction of null decisions. The last points are repeated on the "
         "right with their 95% intervals; arrowheads mark clipped intervals.",
         partial(figures.stopping, source),
+        curves=True,
     )
     yield Table(
-        [
-            "rule",
-            "taps",
-            f"object error of decisions ({source['what_unit']})",
-            "− paper's rule",
-            "null decisions",
-        ],
+        ["rule", "taps", f"object error of decisions ({source['what_unit']})", "− paper's rule", "null decisions"],
         [
             [
                 row["rule"],
@@ -109,19 +115,10 @@ def _source(i: int, source: Row, theta: float) -> Iterator[Block]:
                 interval(row, "what_error_difference"),
                 percent(row["given_up"]),
             ]
-            for row in first["rules"]
+            for row in source["powers"][0]["rules"]
         ],
         "Stopping rules with the fixation point, at equal mean numbers of taps",
         dense=True,
-    )
-    yield Picture(
-        f"trajectories-{i}",
-        f"Trajectories: {name}",
-        f"Position against taps in {len(next(iter(source['paths'].values())))} trials of one data set up to their "
-        f"decision at threshold {theta:g}, from the same starts. Lines at the same position are offset by up to a "
-        "quarter of a class, and dots mark decisions; strokes at the left are trials decided at tap 1; grey: fraction "
-        "of trials that make a tap; dashed: the fixation point.",
-        partial(figures.trajectories, source),
     )
 
 
@@ -201,6 +198,10 @@ def _regret(found: Row) -> Iterator[Block]:
         "are shown. Logarithmic axis; values below its left end are drawn there.",
         partial(regret, found),
     )
+    yield Section("Costs in each case", [*_cases(found)], folded=True)
+
+
+def _cases(found: Row) -> Iterator[Block]:
     for case in found["cases"]:
         prices = {
             name: [
@@ -221,6 +222,14 @@ def _regret(found: Row) -> Iterator[Block]:
 
 
 def _rules(summary: Row) -> Iterator[Block]:
+    yield (
+        "The paper moves to a fixation point and stops at a belief threshold. This study compares it with other "
+        "control strategies and stopping rules on the same trials and taps. A negative difference is a lower error "
+        "than with the paper's fixation point."
+    )
+    yield Verbatim(summary["command"])
+    terms = [Terms(summary["strategy_words"]), Terms(summary["rule_words"])]
+    yield Section("Strategies and stopping rules", terms, folded=True)
     if summary["sources"]:
         yield from summary["rules"]
         yield f"{summary['trials']} trials of each data set, strategy and exponent."

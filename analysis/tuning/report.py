@@ -30,8 +30,8 @@ class TuningReport(TunedReport):
 
     def _page(self) -> Page:
         tables = Brief(position_table(self.found)), Brief(threshold_table(self.found))
-        sentences = self.parts.sentence, *self.found.sentences
-        return Page("Tuning", [*tables, *(Brief(sentence) for sentence in sentences)], [])
+        sentences = *self.found.sentences, self.parts.sentence
+        return Page("Tuning", [*(Brief(sentence) for sentence in sentences), *tables], [])
 
     @property
     def setting(self) -> Setting:

@@ -106,10 +106,10 @@ def test_the_folder_holds_everything(three):
 
 @pytest.mark.slow
 def test_the_terminal_says_what_the_page_says(three):
-    """The verdict word by word, every remedy, and where the page is."""
+    """The short verdict word by word, every remedy, and where the page is."""
     printed = " ".join(three.out.split())
-    for sentence in three.summary["verdict"]["sentences"]:
-        assert " ".join(sentence.split()) in printed
+    for sentence in three.summary["verdict"]["short"]:
+        assert " ".join(sentence.replace("**", "").split()) in printed
     for row in three.summary["remedy"]["evidence"]["ranking"]:
         assert all(word in printed for word in row["name"].split())  # long names wrap in their column
     assert str(three.folder / "report.html") in three.out.replace("\n", "")

@@ -86,6 +86,16 @@ def test_texts_of_figures_are_no_formulas(tmp_path, recwarn):
 def pictures():
     yield Picture("fig1", NAMES[1], NAMES[4][:200], lambda: confusion(np.eye(M), np.eye(M), NAMES, 0.9))
 
+    @styled
+    def curves():
+        figure, axes = new_figure(3.0, 2.0)
+        for i, name in enumerate(NAMES):
+            axes[0, 0].plot([0, 1], [i, i + 1], label=name)
+        axes[0, 0].set(xlabel=NAMES[0], ylabel=NAMES[1], title=NAMES[2])
+        return figure
+
+    yield Picture("fig2", NAMES[2], NAMES[3][:200], curves, curves=True)
+
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory, taps):
@@ -120,7 +130,7 @@ def test_a_browser_runs_no_script_of_a_name(page, width):
 
     assert title == NAMES[1]
     assert int(content) <= int(window)
-    assert scripts == "1"
+    assert scripts == "2"  # the page's own and the probe
 
 
 @pytest.mark.slow
@@ -147,5 +157,5 @@ def test_pages_of_commands_in_a_browser(tmp_path, monkeypatch, words):
         title, window, content, scripts = shown(tmp_path / "out" / "report.html", width)
         assert title != "taken"
         assert int(content) <= int(window)
-        assert scripts == "1"
+        assert scripts == "2"
     assert "could not be drawn" not in (tmp_path / "out" / "report.html").read_text(encoding="utf-8")

@@ -22,7 +22,7 @@ def point(taps, error, high, given_up=0.0):
     """One level of a rule."""
     numbers = [known("what_error", error, 0.0, high), known("where_error", error / 5, 0.0, high / 5)]
     numbers += [known("given_up", given_up), known("taps", taps), known("way", taps - 1.0)]
-    return {key: value for one in numbers for key, value in one.items()}
+    return {"level": 0.9} | {key: value for one in numbers for key, value in one.items()}
 
 
 def told(factor, base_factor, excess=1.0):

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from solidtouch.analysis.page.html import render_page
+from solidtouch.analysis.page import html
 from solidtouch.analysis.strategies import regret, regret_cases
 from solidtouch.analysis.strategies.figures_regret import regret as regret_figure
 from solidtouch.analysis.strategies.figures_regret import shown
@@ -215,9 +215,10 @@ def test_sentences_say_what_the_least_is(study, summary):
 def test_the_page_shows_every_price(summary):
     """A table for each case and cost of taps, the best bold; data of no kind leave no other section."""
     whole = summarise([], StrategySettings(), {"title": "Regret", "command": ""}, summary)
-    page = render_page(strategies_page(whole))
+    page = html.render_page(strategies_page(whole))
     assert page.count("<table") == len(summary["cases"])
-    assert page.count("<strong>") == sum(row["best"] for case in summary["cases"] for row in case["prices"])
+    best = sum(row["best"] for case in summary["cases"] for row in case["prices"])
+    assert page.count("<strong>") == best + 1  # the first finding
     assert "#regret-section" in page
     assert "#trust-section" not in page
     assert whole["findings"] == summary["findings"]
@@ -229,7 +230,7 @@ def test_the_page_shows_every_price(summary):
             one = at.sel(strategy=row["strategy"], kind=row["kind"])
             assert (float(one["regret"]), one["rule"].item()) == (row["regret"], row["rule"])
             assert bool(one["best"]) == row["best"]
-    without = render_page(strategies_page({**whole, "regret": None}))
+    without = html.render_page(strategies_page({**whole, "regret": None}))
     assert "regret-section" not in without
 
 

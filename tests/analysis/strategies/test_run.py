@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from solidtouch.analysis.page.html import render_page
+from solidtouch.analysis.page import html
 from solidtouch.analysis.page.numbers import STORED_ONLY
 from solidtouch.analysis.stats.resampled_units import RESAMPLES
 from solidtouch.analysis.strategies import figures as figure_strategies
@@ -186,7 +186,7 @@ def test_ways_in_other_units_have_no_price(bench):
 
 def test_the_page_shows_every_strategy_and_rule(summary):
     """Every finding stands there, and every table has null decisions."""
-    page = render_page(strategies_page(summary))
+    page = html.render_page(strategies_page(summary))
     for name in (*FEW, "lookahead", "msprt", "what, at 6 taps give up"):
         assert f">{name}<" in page
     assert page.count("<table") == page.count("null decisions</th>")

@@ -1,0 +1,208 @@
+"""What a page does in a browser: curves, folded parts, dark mode, and room for all widths."""
+
+import shutil
+from functools import partial
+
+import numpy as np
+import pytest
+import xarray as xr
+from solidtouch.analysis.page.figure_style import band, new_figure, styled
+from solidtouch.analysis.page.html import draw_pictures, write_page
+from solidtouch.analysis.page.page import Cautions, Embedded, Note, Page, Picture, Section, SideBySide, Table
+
+webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
+CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
+pytestmark = pytest.mark.skipif(not CHROMIUM or not DRIVER, reason="chromium or chromedriver is not installed")
+
+X = np.linspace(0.1, 0.9, 9)
+
+
+@styled
+def curves():
+    """Two curves with bands in two panels."""
+    figure, axes = new_figure(7.0, 2.4, 1, 2)
+    for panel, letter in zip(axes[0], "AB", strict=True):
+        for name, colour, value in (("passive", "#c8102e", 2.0), ("active", "#000000", 1.0)):
+            data = xr.Dataset(
+                {f"e{end}": ("x", value - X + more) for end, more in (("", 0), ("_low", -0.1), ("_high", 0.1))}
+            )
+            panel.plot(X, data["e"], "o-", label=name, color=colour)
+            band(panel, X, data, "e", colour)
+        panel.set(xlabel="belief threshold", ylabel="object error (mm)", title=letter)
+    return figure
+
+
+def pictures():
+    """One whose curves are read off, and one that stays a picture."""
+    yield Picture("fig1", "Errors", "Errors against the threshold.", curves, curves=True)
+    yield Picture("fig2", "Again", "The same.", curves)
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory):
+    """A page with every kind of block that the browser has to do with."""
+    folder = tmp_path_factory.mktemp("page")
+    wide = Table(
+        ["model", *(f"error of the object at {i} taps" for i in range(20))], [["a", *["0.50 [0.45, 0.55]"] * 20]]
+    )
+    first, second = pictures()
+    sections = [
+        Section("Figures", [first, wide], "figures"),
+        Section("More", [Section("Inner", [second], "inner", folded=True)], "more", folded=True),
+        Section("Episode", [Embedded("<p id='played'>played</p>", "An episode.")], "episode"),
+    ]
+    cautions = Cautions([f"Warning {i}." for i in range(5)])
+    page = Page("A page", [SideBySide([Note(["Answer."]), wide]), cautions, "See [there](#inner)."], sections)
+    write_page(folder, page, {}, "summary.json", draw_pictures(folder, page.pictures, lambda _: None))
+    return (folder / "report.html").as_uri()
+
+
+@pytest.fixture(scope="module")
+def chromium():
+    options = webdriver.ChromeOptions()
+    options.binary_location = CHROMIUM
+    for word in ("--headless", "--no-sandbox", "--disable-gpu"):
+        options.add_argument(word)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    driver = webdriver.Chrome(options, webdriver.ChromeService(DRIVER))
+    yield driver
+    driver.quit()
+
+
+@pytest.fixture
+def browser(chromium, report):
+    """The page, in a window of its own size; nothing may be wrong with it at the end."""
+    media(chromium, light=True)
+    chromium.get("about:blank")
+    chromium.get(report)
+    yield chromium
+    assert chromium.get_log("browser") == []
+
+
+def media(driver, width=1200, light=True, kind=""):
+    """Sets the size of the window, the colour scheme and the medium."""
+    size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
+    driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+    scheme = [{"name": "prefers-color-scheme", "value": "light" if light else "dark"}]
+    driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": kind, "features": scheme})
+
+
+def point_at(browser, x, y):
+    """Moves the mouse to a place in the first figure, in fractions of its size."""
+    left, top, width, height = browser.execute_script(
+        "const plot = document.querySelector('.plot'); plot.scrollIntoView({block: 'center'});"
+        "const area = plot.getBoundingClientRect(); return [area.left, area.top, area.width, area.height]"
+    )
+    place = {"x": left + x * width, "y": top + y * height}
+    browser.execute_cdp_cmd("Input.dispatchMouseEvent", {"type": "mouseMoved", **place})
+    return browser.execute_script(
+        "const told = document.querySelector('.told'); return told.hidden ? '' : told.textContent"
+    )
+
+
+def test_a_curve_tells_the_value_that_the_mouse_is_at(browser):
+    """Of every point; elsewhere nothing is told, nor in a figure that stays a picture."""
+    panels = browser.execute_script("return JSON.parse(document.querySelector('figure').dataset.curves)")
+    for panel in panels:
+        for series in panel["series"]:
+            for x, y, threshold, error, _ in series["points"][::4]:
+                lines = point_at(browser, x, y).split("\n")
+                assert lines == [
+                    f"{panel['title']} – {series['label']}", f"object error (mm): {error}",
+                    f"belief threshold: {threshold}",
+                ]  # fmt: skip
+    assert panels[0]["series"][0]["points"][0][3] == "1.90 [1.80, 2.00]"
+    assert point_at(browser, 0.001, 0.001) == ""
+    assert len(browser.find_elements("css selector", ".told")) == 1
+
+
+def test_curves_are_switched_off_in_the_key(browser):
+    """With their bands; they tell nothing then, and the picture for printing keeps them."""
+    passive, active = browser.find_elements("css selector", ".legend button")
+    assert [button.text for button in (passive, active)] == ["passive", "active"]
+    shown = partial(
+        browser.execute_script,
+        "const root = document.querySelector('.drawing').shadowRoot;"
+        "return [...root.querySelectorAll('[id^=curve-]')].map((part) => getComputedStyle(part).display !== 'none')",
+    )
+    assert shown() == [True] * 8
+    passive.click()
+    assert passive.get_attribute("aria-pressed") == "false"
+    assert sum(shown()) == 4
+    series = browser.execute_script("return JSON.parse(document.querySelector('figure').dataset.curves)[0].series[0]")
+    assert "passive" not in point_at(browser, *series["points"][0][:2])
+    media(browser, kind="print")
+    assert browser.execute_script("return getComputedStyle(document.querySelector('.drawing')).display") == "none"
+    assert browser.find_element("css selector", "img").is_displayed()
+    media(browser)
+    passive.click()
+    assert shown() == [True] * 8
+
+
+def test_the_keyboard_reaches_every_value(browser):
+    """Along a curve, to the next, back, and away."""
+    from selenium.webdriver.common.keys import Keys
+
+    plot = browser.find_element("css selector", ".card")
+    told = browser.find_element("css selector", ".told")
+
+    def after(*keys):
+        plot.send_keys(*keys)
+        return told.text.split("\n")
+
+    assert after(Keys.RIGHT)[:2] == ["A – passive", "object error (mm): 1.90 [1.80, 2.00]"]
+    assert after(Keys.RIGHT)[1] == "object error (mm): 1.80 [1.70, 1.90]"
+    assert after(Keys.DOWN)[:2] == ["A – active", "object error (mm): 0.80 [0.70, 0.90]"]
+    assert after(Keys.DOWN, Keys.END)[:2] == ["B – passive", "object error (mm): 1.10 [1.00, 1.20]"]
+    assert after(Keys.UP, Keys.HOME)[0] == "A – active"
+    assert told.get_attribute("role") == "status"
+    assert after(Keys.ESCAPE) == [""]
+
+
+def test_links_and_printing_open_folded_parts(browser):
+    """Also those inside of others."""
+    inner = browser.find_element("id", "inner")
+    assert inner.get_attribute("open") is None
+    browser.find_element("link text", "there").click()
+    assert inner.get_attribute("open") is not None
+    assert browser.find_element("id", "figure-fig2").is_displayed()
+    browser.execute_script("for (const part of document.querySelectorAll('details')) part.open = false")
+    browser.execute_script("dispatchEvent(new Event('beforeprint'))")
+    assert browser.find_element("id", "figure-fig2").is_displayed()
+    browser.execute_script("dispatchEvent(new Event('afterprint'))")
+    assert not browser.find_element("id", "figure-fig2").is_displayed()
+
+
+@pytest.mark.parametrize("light", [True, False], ids=["light", "dark"])
+@pytest.mark.parametrize("width", [420, 900, 1600])
+def test_a_page_has_room_in_every_window(browser, width, light):
+    """It never scrolls sideways, its tables do and fade where they are cut off; figures are on a light card."""
+    media(browser, width, light)
+    told = browser.execute_async_script(
+        "const done = arguments[0]; setTimeout(() => requestAnimationFrame(() => {"
+        "const colour = (name, part) => getComputedStyle(document.querySelector(part))[name];"
+        "done([document.documentElement.scrollWidth <= innerWidth,"
+        "  [...document.querySelectorAll('.scroll')].every((part) => !part.checkVisibility() ||"
+        "    (part.scrollWidth - part.clientWidth > 1) === part.classList.contains('more')),"
+        "  colour('backgroundColor', 'html') + colour('backgroundColor', 'body'), colour('backgroundColor', '.card'),"
+        "  colour('color', 'body')])}), 50)"
+    )
+    fits, fades, page, card, text = told
+    assert fits
+    assert fades
+    assert card == "rgb(255, 255, 255)"
+    assert ("rgb(255, 255, 255)" in page) == light
+    assert (text == "rgb(26, 26, 26)") == light
+
+
+def test_without_script_everything_is_there(chromium, report):
+    """Pictures in place of curves, and folded parts that open."""
+    chromium.execute_cdp_cmd("Emulation.setScriptExecutionDisabled", {"value": True})
+    try:
+        chromium.get(report)
+        assert chromium.find_elements("css selector", ".drawing, .legend") == []
+        assert chromium.find_element("css selector", "img").is_displayed()
+        chromium.find_element("css selector", "#more > summary").click()
+        assert chromium.find_element("css selector", "#inner > summary").is_displayed()
+    finally:
+        chromium.execute_cdp_cmd("Emulation.setScriptExecutionDisabled", {"value": False})
