@@ -48,7 +48,7 @@ PAGE = Page(
                 Picture("fig2", "Nothing", "to draw", lambda: None),
                 Note(["**Simulated.**"]),
                 Section("Inner", [Listing(["one", "two"], "Found"), Listing([], "Lost")]),
-                Embedded('<div class="player">played <i>here</i></div>', "What `this` is"),
+                Embedded('<div class="player">played <i>here</i></div>', "What this is"),
             ],
             "errors",
         ),

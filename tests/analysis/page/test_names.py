@@ -113,7 +113,8 @@ def shown(page, width):
     """Title, widths of window and content, and errors of a page in a browser."""
     probe = page.with_name(f"probe-{width}.html")
     text = page.read_text(encoding="utf-8")
-    told = "`${document.title}|${innerWidth}|${document.documentElement.scrollWidth}|${document.scripts.length}`"
+    scripts = "document.querySelectorAll('script:not(.st-episode script)').length"
+    told = f"`${{document.title}}|${{innerWidth}}|${{document.documentElement.scrollWidth}}|${{{scripts}}}`"
     probe.write_text(
         text + f"<script>document.body.id = btoa(unescape(encodeURIComponent({told})))</script>", encoding="utf-8"
     )
