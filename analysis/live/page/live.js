@@ -29,7 +29,7 @@ on("finished", ({ text, saved }) => {
   told = true;
   events.close();
   player.finish(text);
-  if (saved) player.play();
+  if (saved && !matchMedia("(prefers-reduced-motion: reduce)").matches) player.play();
 });
 events.onopen = () => player.status("live", "connected");
 events.onerror = () => {

@@ -6,7 +6,6 @@ import { drawTip, drawTraces, rangeOf } from "./tap.js";
 import { drawCourse, drawEvidence } from "./course.js";
 
 const PACES = [2, 1, 0.5, 0.25, 0.1, 0.05];
-const MOST_NUMBERS = 5e7; // kept in memory; beyond it the oldest episodes are left out
 const KEYS = [
   [["Space"], "play or pause"], [["←", "→"], "one tap back or on"], [["Home", "End"], "first or newest tap"],
   [["PgUp", "PgDn"], "episode before or after"], [["+", "−"], "faster or slower"],
@@ -24,9 +23,10 @@ function element(tag, name = "", properties = {}, ...children) {
  * Makes an element show episodes.
  *
  * `live` follows what arrives, `autoplay` plays what is there from its first tap, `wide` takes keys of the whole page,
- * and `stop` is called by the button that stops the rig.
+ * `stop` is called by the button that stops the rig, and `memory` is how many numbers are kept before the oldest
+ * episodes are left out.
  */
-export function createPlayer(root, { live = false, autoplay = false, wide = false, stop = null } = {}) {
+export function createPlayer(root, { live = false, autoplay = false, wide = false, stop = null, memory = 5e7 } = {}) {
   const taps = [], episodes = new Map(), shownAt = [];
   let header = null, at = -1, pace = 0.5, following = live, playing = live, running = live;
   let timer = null, drawing = false, numbers = 0, theme = null, wasAt = -1;
@@ -172,7 +172,7 @@ export function createPlayer(root, { live = false, autoplay = false, wide = fals
   }
 
   function forget() {
-    while (numbers > MOST_NUMBERS && episodes.size > 1) {
+    while (numbers > memory && episodes.size > 1) {
       const [[number, oldest]] = episodes;
       episodes.delete(number);
       const gone = taps.splice(0, oldest.count);

@@ -345,3 +345,24 @@ def test_the_widget_is_the_same_player(page, episodes, tmp_path):
     page.execute_script("window.remove()")
 
     assert page.execute_script("return document.querySelectorAll('canvas').length") == 0
+
+
+def test_the_page_of_a_long_run_leaves_out_its_oldest_episodes(page, server, episodes):
+    """And stays at the tap that it shows."""
+    page.get(server.url)
+    shown = page.execute_async_script(
+        """const [content, done] = arguments, { header, taps, ends } = JSON.parse(content);
+        import(`${location.href}player.js`).then(({ createPlayer }) => {
+          const root = document.body.appendChild(document.createElement("div"));
+          const player = createPlayer(root, { memory: 6 * 42 });
+          player.begin(header);
+          for (let round = 0; round < 3; round += 1) {
+            for (const tap of taps) player.tap({ ...tap, episode: tap.episode + 2 * round });
+            for (const end of ends) player.end({ ...end, episode: end.episode + 2 * round });
+          }
+          const first = [...player.episodes.values()].map((own) => own.first);
+          done([player.taps.map((tap) => tap.episode), first, player.at]);
+        });""",
+        encoded_episodes(episodes).decode(),
+    )
+    assert shown == [[6] * 5, [0], 0]
