@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, cast
 
 from .errors import InputError, check_path
+from .io.own_netcdf import read_own, size_of
 from .io.untrusted import check_size, in_bytes, is_sealed, read_first, seal
 
 if TYPE_CHECKING:
@@ -188,9 +189,13 @@ def read_groups(path: str | Path, names: Iterable[str], on_disk: str = "") -> "d
     if not path.exists():
         raise InputError(f"{path}: no such file.")
     try:
-        if not is_sealed(path) and not read_first("hdf5", path):
+        own = is_sealed(path)
+        if not own and not read_first("hdf5", path):
             raise OSError
         with h5py.File(path, "r") as file:
+            if own and (size := size_of(file)) <= ON_DISK:
+                check_size(path, size)
+                return {name: read_own(file, name) if name in file else xr.Dataset() for name in names}
             file.visititems(lambda *_: None)  # if this fails, xarray would leave the file open
             there = {name for name in names if name in file}
         return {name: _group(path, name, on_disk) if name in there else xr.Dataset() for name in names}

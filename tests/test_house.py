@@ -66,6 +66,7 @@ EDGES = {
         "models/io/layouts/formats/hdf5_nodes.py",
         "models/io/layouts/formats/matlab.py",
         "models/io/layouts/formats/matlab_hdf5.py",
+        "models/io/own_netcdf.py",
         "models/storage.py",
     ),
     "jax": (

@@ -7,6 +7,7 @@ import h5py
 import numpy as np
 import pytest
 import xarray as xr
+from netcdf_readings import same_by_both_ways
 from solidtouch.models.errors import InputError
 from solidtouch.models.io.arviz_tree import draw_groups
 from solidtouch.models.io.model_file import load_model, save_model
@@ -97,6 +98,7 @@ def test_every_model_survives_its_file(fitted, taps, tmp_path, name):
     for attribute in ("edges", "training", "trained", "log_prior"):
         np.testing.assert_array_equal(getattr(loaded, attribute), getattr(model, attribute))
     np.testing.assert_array_equal(loaded.log_likelihood(taps.taps), model.log_likelihood(taps.taps))
+    same_by_both_ways(tmp_path / "model.nc", ("/", "constant_data", "parameters"))
 
 
 @pytest.mark.parametrize("more", [{}, {"value_range": "taxel", "power": 0.125, "pseudocount": 0.0, "bins": 1}])
