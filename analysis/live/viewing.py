@@ -14,7 +14,7 @@ from ...inference.novelty import Novelty, UnknownTest, can_tell
 from ...models.errors import InputError
 from .ending import ending_of
 from .feed import open_page, serve_saved
-from .fragment import fragment, whole_page
+from .fragment import fragment
 from .picture import live_picture
 from .saved import Episodes, header_of, load_episodes, recorded
 from .view import Seen
@@ -46,7 +46,7 @@ class EpisodeView:
         return f"<EpisodeView of {len(self.episodes.taps)} taps at {self.url}>"
 
     def _repr_html_(self) -> str:
-        return whole_page(self.episodes)
+        return fragment(self.episodes)
 
 
 def view(episode: Episode | Sequence[Episode] | Episodes | str | Path, *, browser: bool = True, port: int = 0) -> Any:
