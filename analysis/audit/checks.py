@@ -28,7 +28,7 @@ REPLICATES = 100
 FEWEST = 40
 _SAMPLES = 180_000_000  # in all replicates, some seconds
 _AT_ONCE = 1 << 26  # samples of replicates at a time, some GiB with what is taken of them
-_FAR = 4.0  # standard deviations of the replicates
+FAR = 4.0  # standard deviations of the replicates
 
 
 def count_replicates(taps: TapSet, replicates: int = REPLICATES) -> int:
@@ -134,5 +134,5 @@ def summarise_checks(tree: xr.DataTree) -> xr.Dataset:
         for key, attribute in (("label", "long_name"), ("assumption", "assumption"))
     }
     numbers = {"observed": seen, "mean": mean, "low": low, "high": high, "z": z}
-    numbers |= {"p": np.minimum(1.0, 2 * np.minimum(above, below)), "differs": outside & (np.abs(z) > _FAR)}
+    numbers |= {"p": np.minimum(1.0, 2 * np.minimum(above, below)), "differs": outside & (np.abs(z) > FAR)}
     return xr.Dataset({key: ("statistic", value) for key, value in (numbers | text).items()}, {"statistic": names})

@@ -42,10 +42,14 @@ _ROW = 0.24  # inches
 _QUANTITIES = {"what": "object", "where": "position", "joint": "object and position"}
 _TOUCHES = ("whole taps", "tared taps")
 _TAXEL_TICKS = 9
+_SIGNS = 24  # taxels, up to which negative effects have a minus
 _LEAST_REACH = {"rank": 0.1, "distance": 0.1, "table": 0.02}  # of colours, so that chance looks pale
 _SPARED = "0.9"
 _BAR_COLOURS = {"first": DECIDED, "there": TRUE, "perhaps": "#b3d4e8", "other": OTHERS}
-_WRAP = 36  # characters
+_HATCH = {"first": "///"}  # the main cause is told from the others in grey as well
+_WRAP = 24  # characters
+_UNDECIDED = "#707070"
+_MARKS = {DECIDED: "s"}
 _BARS = 60  # lags, beyond which bars give way to a line
 _SPAN = 300.0  # from the least to the largest factor that the axis holds
 
@@ -60,7 +64,7 @@ def causes(split: xr.Dataset, named: str | None = None) -> Figure | None:
     """
     if not np.isfinite(split["share"].values).any():
         return None
-    figure, axes = new_figure(TWO_COLUMNS, 0.75 + 1.35 * _ROW * split.sizes["part"])
+    figure, axes = new_figure(TWO_COLUMNS, 0.75 + 1.35 * _ROW * split.sizes["part"], of_text=True)
     plot_causes(axes[0, 0], split, first_cause(split.fillna(0.0)) if named is None else named)
     _cause_key(axes[0, 0])
     return figure
@@ -79,7 +83,9 @@ def plot_causes(axes: Axes, split: xr.Dataset, named: str | None) -> Axes:
             continue
         there = "there" if split["share_sure"].values[i] > 0 else "perhaps"
         kind = "other" if not is_cause(part) else "first" if part == named else there
-        axes.barh(i, share[i], height=0.7, color=_BAR_COLOURS[kind])
+        axes.barh(
+            i, share[i], height=0.7, color=_BAR_COLOURS[kind], hatch=_HATCH.get(kind), edgecolor="white", linewidth=0
+        )
         if np.isfinite([low[i], high[i]]).all():
             axes.plot([low[i], high[i]], [i, i], color="black", linewidth=0.8)
         at = np.nanmax([share[i], high[i], 0.0])
@@ -112,7 +118,7 @@ def taxel_map(dependence: xr.Dataset) -> Figure | None:
     if not np.isfinite(dependence["effect"].values).any():
         return None
     tests = [str(test) for test in dependence["test"].values]
-    figure, axes = new_figure(TWO_COLUMNS, 3.5, 1, len(tests), sharey=True)
+    figure, axes = new_figure(TWO_COLUMNS, 3.9, 1, len(tests), sharey=True, panel=2.2)
     for i, (panel, test) in enumerate(zip(axes[0], tests, strict=True)):
         plot_taxel_map(panel, dependence.sel(test=test))
         label_panel(panel, chr(ord("A") + i), panel.get_title())
@@ -140,6 +146,9 @@ def plot_taxel_map(axes: Axes, one: xr.Dataset) -> Axes:
         vmax=reach,
         **place,
     )
+    if signed and K <= _SIGNS:
+        for row, column in zip(*np.nonzero(below & (effect < 0)), strict=True):
+            axes.plot(column, row, "_", color="black", markersize=3.5, markeredgewidth=0.6, zorder=3)
     survives = np.ma.masked_array(rejected, ~above)
     axes.imshow(survives, cmap=ListedColormap([_SPARED, "black"]), vmin=0, vmax=1, **place)
     axes.imshow(np.ma.masked_array(np.ones((K, K)), ~np.eye(K, dtype=bool)), cmap="Greys", vmin=1, vmax=2, **place)
@@ -230,7 +239,7 @@ def remedies(measured: Measured) -> Figure | None:
     if any(_known(error) for error in errors[1:]):
         panels.append((errors, label, False))
     height = 1.2 + _ROW * len(names)
-    figure, axes = new_figure(TWO_COLUMNS, height, 1, len(panels) + 1, sharey=True)
+    figure, axes = new_figure(TWO_COLUMNS, height, 1, len(panels) + 1, sharey=True, of_text=True, panel=2.6)
     for panel, (values, title, more) in zip(axes[0], panels, strict=False):
         plot_changes(panel, values, more_is_better=more)
         panel.set_xlabel(title)
@@ -255,7 +264,7 @@ def plot_changes(axes: Axes, values: Sequence[Interval], *, more_is_better: bool
             continue
         value, low, high = _numbers(change)
         better, worse = (low > 0, high < 0) if more_is_better else (high < 0, low > 0)
-        _dot(axes, i, value, low, high, TRUE if better else DECIDED if worse else "grey")
+        _dot(axes, i, value, low, high, TRUE if better else DECIDED if worse else _UNDECIDED)
     axes.set_xmargin(0.08)
     axes.locator_params(axis="x", nbins=5)
     return axes
@@ -306,7 +315,7 @@ def leakage(result: Leakage) -> Figure | None:
     quantities = [str(name) for name in told["quantity"].values]
     width = TWO_COLUMNS * {1: 0.62, 2: 0.84}.get(len(quantities), 1.0)
     rows = [*map(str, told["source"].values), "chance"]
-    figure, axes = new_figure(width, 0.95 + _ROW * len(rows), 1, len(quantities), sharey=True)
+    figure, axes = new_figure(width, 0.95 + _ROW * len(rows), 1, len(quantities), sharey=True, of_text=True, panel=2.6)
     for i, (panel, name) in enumerate(zip(axes[0], quantities, strict=True)):
         plot_told(panel, told.sel(quantity=name))
         if set(rows) - {*_TOUCHES, "chance"}:
@@ -336,7 +345,8 @@ def _dot(axes: Axes, row: int, value: float, low: float, high: float, colour: st
     """An estimate with its interval in a row; ends that are not finite are left out."""
     if np.isfinite([low, high]).all():
         axes.plot([low, high], [row, row], color=colour, linewidth=1.0)
-    axes.plot(value, row, "o", color=colour, markersize=4)
+    face = "white" if colour == _UNDECIDED else colour
+    axes.plot(value, row, _MARKS.get(colour, "o"), color=colour, markerfacecolor=face, markersize=4)
 
 
 def _known(change: Interval | None) -> bool:
@@ -421,7 +431,7 @@ def _cause_key(axes: Axes) -> None:
     words = {"first": "main cause", "there": "cause", "perhaps": "not significant", "other": "not a cause"}
     seen = {patch.get_facecolor() for patch in axes.patches}
     keys = [
-        Patch(facecolor=_BAR_COLOURS[kind], label=word)
+        Patch(facecolor=_BAR_COLOURS[kind], hatch=_HATCH.get(kind), edgecolor="white", linewidth=0, label=word)
         for kind, word in words.items()
         if to_rgba(_BAR_COLOURS[kind]) in seen
     ]
@@ -432,7 +442,11 @@ def _change_key(figure: Figure) -> None:
     words = {
         "better than the current setting (95% interval)": TRUE,
         "worse": DECIDED,
-        "undecided": "grey",
+        "undecided": _UNDECIDED,
     }
-    keys = [Line2D([], [], color=colour, marker="o", markersize=4, label=word) for word, colour in words.items()]
+    keys = [
+        Line2D([], [], color=c, marker=_MARKS.get(c, "o"), markersize=4, label=word, markerfacecolor=face)
+        for word, c in words.items()
+        for face in ["white" if c == _UNDECIDED else c]
+    ]
     figure.legend(handles=keys, loc="outside lower center", ncols=len(keys))

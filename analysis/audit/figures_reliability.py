@@ -49,7 +49,7 @@ def reliability_after_taps(data: xr.Dataset) -> Figure:
     Args:
         data: From `reliability.reliability`, with contacts.
     """
-    figure, axes = new_figure(TWO_COLUMNS, 3.0, 1, 3)
+    figure, axes = new_figure(TWO_COLUMNS, 3.0, 1, 3, panel=1.8)
     part = after_contacts(data).sel(what=EVERYTHING)
     plot_curves(axes[0, 0], part)
     plot_scores(axes[0, 1], part)
@@ -72,7 +72,7 @@ def reliability_at_stopping(data: xr.Dataset) -> Figure:
         data: From `reliability.reliability`.
     """
     shown = [name for name in ("passive", "active") if name in data["policy"].values]
-    figure, axes = new_figure(TWO_COLUMNS if len(shown) > 1 else 4.4, 3.4, 1, len(shown), sharey=True)
+    figure, axes = new_figure(TWO_COLUMNS if len(shown) > 1 else 4.4, 3.4, 1, len(shown), sharey=True, panel=2.2)
     for panel, letter, policy in zip(axes[0], "AB", shown, strict=False):
         plot_wrong(panel, at_stopping(data, policy).sel(counted="stopped"))
         label_panel(panel, letter if len(shown) > 1 else "", policy)
@@ -89,7 +89,7 @@ def guarantee_factors(data: xr.Dataset) -> Figure:
         data: From `guarantees.guarantees`.
     """
     shown = [str(name) for name in data["policy"].values]
-    figure, axes = new_figure(TWO_COLUMNS if len(shown) > 1 else 4.4, 3.2, 1, len(shown), sharey=True)
+    figure, axes = new_figure(TWO_COLUMNS if len(shown) > 1 else 4.4, 3.2, 1, len(shown), sharey=True, panel=2.2)
     for panel, letter, policy in zip(axes[0], "AB", shown, strict=False):
         plot_promises(panel, data.sel(policy=policy))
         label_panel(panel, letter if len(shown) > 1 else "", policy)

@@ -45,8 +45,9 @@ def evidence_blocks(audit: Audit, summary: Row) -> Iterator[Block]:
     checks = Picture(
         "checks",
         "Posterior predictive checks of the naive-Bayes model",
-        "Statistics of the taps (vertical lines, orange where they lie outside all replicates) and of replicates "
-        "drawn from histograms fitted to them.",
+        "Statistics of the taps, orange where they differ from all replicates, and the range of replicates drawn from "
+        "histograms fitted to the taps (black), in standard deviations of the replicates. The axis is linear in the "
+        "grey band, within which no difference counts, and logarithmic beyond.",
         partial(figures_checks.figure_checks, audit.checks),
     )
     made = (

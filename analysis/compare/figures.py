@@ -1,6 +1,6 @@
-"""Figures that compare models: scores by contacts, errors by reaction time, and paired differences.
+"""Figures that compare models: scores by contacts, and paired differences.
 
-Datasets are those of `classes.class_scores`, `stats.decisions.decision_curves` and `at_equal_taps`. A model
+Datasets are those of `classes.class_scores` and `stats.decisions.at_equal_taps`. A model
 has the same colour, marker and line in all of them; the reference model is black.
 """
 
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ...models.grid import ClassGrid
 from ..page.figure_curves import read_off
-from ..page.figure_style import TWO_COLUMNS, axis_label, band, label_panel, new_figure, short, styled
+from ..page.figure_style import TWO_COLUMNS, axis_label, label_panel, new_figure, short, styled
 
 _COLOURS = (
     "#cc6677",
@@ -53,7 +53,6 @@ _LABELS = {
 _SPREAD = 0.2  # of the models at one number of contacts, as the logarithm of the number
 _TICKS = 15
 _LINE, _KEY = 97, 9  # characters that fit below a figure of two columns, and that a line with its marker takes
-_ROOM = 1.15  # times the largest error, where the axis of errors ends
 _WORSE = 1.5  # times the log score of guessing: what is beyond that is only said to be
 
 
@@ -89,18 +88,6 @@ def class_differences(scores: xr.Dataset, grid: ClassGrid) -> Figure:
 
 
 @styled
-def decision_curves(curves: xr.Dataset, grid: ClassGrid) -> Figure:
-    """Errors against mean reaction time, a row each, passive and active in columns.
-
-    Args:
-        curves: From `stats.decisions.decision_curves`.
-        grid: The classes; an error of a part with one class is left out.
-    """
-    rows = [[(plot_against_taps, {"name": name, "policy": p}) for p in _policies(curves)] for name in _errors(grid)]
-    return _panels(curves, rows, 2.3, sharey="row")
-
-
-@styled
 def decision_differences(equal: xr.Dataset, grid: ClassGrid) -> Figure:
     """Differences of the errors to those of the reference model at equal mean reaction times.
 
@@ -108,14 +95,8 @@ def decision_differences(equal: xr.Dataset, grid: ClassGrid) -> Figure:
         equal: From `stats.decisions.at_equal_taps`.
         grid: The classes; an error of a part with one class is left out.
     """
-    rows = [[(plot_differences, {"name": name, "policy": p}) for p in _policies(equal)] for name in _errors(grid)]
+    rows = [[(plot_differences, {"name": name, "policy": p}) for p in _policies(equal)] for name in errors_of(grid)]
     return _panels(equal, rows, 2.3, sharey="row")
-
-
-@styled
-def miscalibration(curves: xr.Dataset) -> Figure:
-    """Miscalibration factor against the threshold, passive and active."""
-    return _panels(curves, [[(plot_miscalibration, {"policy": p}) for p in _policies(curves)]], 2.6, sharey="row")
 
 
 def plot_scores(axes: Axes, scores: xr.Dataset, name: str, grid: ClassGrid | None = None) -> Axes:
@@ -134,7 +115,7 @@ def plot_scores(axes: Axes, scores: xr.Dataset, name: str, grid: ClassGrid | Non
         axes.set_ylim(0, 1.02)
     else:
         axes.set_ylim(bottom=0)
-    axes.set_ylabel(_label(scores, name))
+    axes.set_ylabel(label_of(scores, name))
     return axes
 
 
@@ -157,57 +138,13 @@ def plot_differences(
     axes.axhline(0, color="black", linewidth=0.8)
     others = data.sel(model=[model for model in data["model"].values if model != data.attrs["reference"]])
     _dots(axes, others, f"{name}_difference", dim, joined=False)
-    axes.set_ylabel(f"{_label(data, name)}\n− that of {short(data.attrs['reference'])}")
+    axes.set_ylabel(f"{label_of(data, name)}\n− that of {short(data.attrs['reference'])}")
     if not data.sizes[dim]:
         axes.text(0.5, 0.5, "no common reaction time", ha="center", va="bottom", transform=axes.transAxes)
     if name.startswith("log_score"):
         chance = None if grid is None else _chance(name, grid)
         reach = np.inf if chance is None else -_WORSE * chance
         _keep_within(axes, others, f"{name}_difference", dim, -reach, reach)
-    return axes
-
-
-def plot_against_taps(axes: Axes, curves: xr.Dataset, name: str, policy: str) -> Axes:
-    """Draws one error against mean reaction time, a point per threshold, with its interval as a band.
-
-    Lines are linear in the time, as `at_equal_taps` interpolates, so on this axis they are bent. The axis fits the
-    errors under all policies; bands that reach farther are cut, because they would flatten the lines.
-    """
-    top = float(curves[name].max())
-    curves = curves.sel(policy=policy).sortby("theta")
-    for model, style in _styles(curves).items():
-        data = curves.sel(model=model)
-        times = data["taps"].values
-        between = np.unique(np.concatenate([times, np.geomspace(times[0], times[-1], 200)[1:-1]]))
-        names = (name, f"{name}_low", f"{name}_high")
-        dense = xr.Dataset({key: ("taps", np.interp(between, times, data[key].values)) for key in names})
-        nodes = np.searchsorted(between, times).tolist()
-        (line,) = axes.plot(
-            between,
-            dense[name].values,
-            label=short(model, curves["model"].values.tolist()),
-            markevery=nodes,
-            **style,
-        )
-        read_off(line, [f"threshold {theta:g}" for theta in data["theta"].values], at=nodes)
-        band(axes, between, dense, name, style["color"], curves.sizes["model"])
-    axes.set(title=policy, ylabel=_label(curves, name), ylim=(0, _ROOM * top if top > 0 else None))
-    _time_axis(axes, curves["taps"].values.ravel())
-    axes.set_xlabel("mean reaction time (taps)")
-    return axes
-
-
-def plot_miscalibration(axes: Axes, curves: xr.Dataset, policy: str) -> Axes:
-    """Draws the miscalibration factor against the belief threshold on a log scale, with a line at 1 (calibrated)."""
-    curves = curves.sel(policy=policy).sortby("theta")
-    axes.set_yscale("log")
-    axes.axhline(1, color="grey", linewidth=0.8, linestyle=":")
-    theta = curves["theta"].values
-    for model, style in _styles(curves).items():
-        data = curves.sel(model=model)
-        axes.plot(theta, data["miscalibration"].values, label=short(model, curves["model"].values.tolist()), **style)
-        band(axes, theta, data, "miscalibration", style["color"], curves.sizes["model"])
-    axes.set(title=policy, xlabel="belief threshold", ylabel=_LABELS["miscalibration"], xlim=(0, 1.02))
     return axes
 
 
@@ -256,7 +193,7 @@ def _dots(axes: Axes, data: xr.Dataset, name: str, dim: str, *, joined: bool) ->
         )
         read_off(line, x=[f"{value:g}" for value in x[finite]])
     axes.margins(x=0.06)
-    _time_axis(axes, x, ticks=True)
+    time_axis(axes, x, ticks=True)
     axes.set_xlabel("contacts" if dim == "contacts" else "mean reaction time (taps)")
 
 
@@ -272,7 +209,7 @@ def _beside(x: NDArray[Any], i: int, n: int) -> NDArray[np.float64]:
     return x * np.exp(_SPREAD * (i - (n - 1) / 2) / n)
 
 
-def _time_axis(axes: Axes, x: NDArray[Any], *, ticks: bool = False) -> None:
+def time_axis(axes: Axes, x: NDArray[Any], *, ticks: bool = False) -> None:
     """A logarithmic axis with plain numbers: at the values so far as there is room, or at round ones between them."""
     axes.set_xscale("log")
     if not ticks:
@@ -316,7 +253,7 @@ def _class_panels(grid: ClassGrid) -> list[str]:
     return ["log_score_joint", "brier_joint", "accuracy_where", "log_score_what", "calibration_what", "accuracy_what"]
 
 
-def _errors(grid: ClassGrid) -> list[str]:
+def errors_of(grid: ClassGrid) -> list[str]:
     return [name for name, classes in (("what_error", grid.M), ("where_error", grid.L)) if classes > 1] or [
         "what_error"
     ]
@@ -334,5 +271,5 @@ def _chance(name: str, grid: ClassGrid) -> float | None:
     return levels.get(quantity)
 
 
-def _label(data: xr.Dataset, name: str) -> str:
+def label_of(data: xr.Dataset, name: str) -> str:
     return axis_label(_LABELS[name], data[name].attrs.get("units", ""))

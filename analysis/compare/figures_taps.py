@@ -6,12 +6,14 @@ import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from ..page.figure_style import OTHERS, TRUE, TWO_COLUMNS, label_panel, new_figure, short, styled
 from .figures import model_styles
 
 _ROW = 0.24  # inches per model
+_CHECKS = 3  # panels beside each other
 
 
 @styled
@@ -22,7 +24,7 @@ def groups_left_out(means: xr.Dataset) -> Figure:
         means: From `taps.mean_scores`, of `integrated` and `plug_in` or one of them.
     """
     names = [str(name) for name in means["model"].values]
-    figure, axes = new_figure(TWO_COLUMNS, 0.9 + _ROW * max(len(names), 4))
+    figure, axes = new_figure(TWO_COLUMNS, 0.9 + _ROW * max(len(names), 4), of_text=True)
     plot_groups_left_out(axes[0, 0], means)
     return figure
 
@@ -63,7 +65,7 @@ def pareto(left_out: xr.Dataset) -> Figure:
         left_out: Over (model, tap), from `taps.leave_one_tap_out`.
     """
     names = [str(name) for name in left_out["model"].values]
-    figure, axes = new_figure(TWO_COLUMNS, 0.9 + _ROW * max(len(names), 4))
+    figure, axes = new_figure(TWO_COLUMNS, 0.9 + _ROW * max(len(names), 4), of_text=True)
     plot_pareto(axes[0, 0], left_out)
     return figure
 
@@ -87,7 +89,7 @@ def plot_pareto(axes: Axes, left_out: xr.Dataset) -> Axes:
             (1.01, i),
             xycoords=("axes fraction", "data"),
             va="center",
-            fontsize=7,
+            fontsize="small",
         )
     axes.axvline(good_k, color=OTHERS, linewidth=0.8, linestyle="--", zorder=0)
     axes.set_yticks(range(len(names)), [short(name, names) for name in names])
@@ -105,25 +107,39 @@ def predictive_checks(checks: xr.Dataset) -> Figure:
     """
     names = [str(name) for name in checks["model"].values]
     count = checks.sizes["statistic"]
-    columns = min(3, count)
+    columns = min(_CHECKS, count)
     rows = -(-count // columns)
-    figure, axes = new_figure(TWO_COLUMNS, rows * (0.75 + _ROW * len(names)), rows, columns, sharey=True)
+    height = rows * (0.7 + _ROW * len(names)) + 0.3
+    figure, axes = new_figure(TWO_COLUMNS, height, rows, columns, sharey=True, of_text=True)
     for i, (panel, statistic) in enumerate(zip(axes.flat, checks["statistic"].values, strict=False)):
         plot_check(panel, checks.sel(statistic=statistic), names)
         label_panel(panel, chr(ord("A") + i))
     for panel in list(axes.flat)[count:]:
         panel.set_visible(False)
+    figure.legend(
+        handles=[
+            Line2D([], [], color=TRUE, linewidth=1.6, label="training taps"),
+            Line2D([], [], color="black", marker="o", label="replicates: median and central 95%"),
+        ],
+        loc="outside lower center",
+        ncols=2,
+    )
     return figure
 
 
 def plot_check(axes: Axes, check: xr.Dataset, names: list[str]) -> Axes:
-    """The observed value as a line and each model's replicates as a row of ticks."""
+    """The observed value as a line; median and central 95% of each model's replicates as a dot with a bar."""
     observed = float(check["observed"])
-    axes.axvline(observed, color=TRUE, linewidth=1.2, zorder=0)
+    axes.axvline(observed, color=TRUE, linewidth=1.6, zorder=0)
     styles = model_styles(names, names[0])
     values: NDArray[Any] = check["replicated"].values
     for i, name in enumerate(names):
-        axes.plot(values[i], np.full(values.shape[1], i), "|", color=styles[name]["color"], markersize=5, alpha=0.8)
+        known = values[i][np.isfinite(values[i])]
+        if known.size:
+            low, median, high = np.quantile(known, [0.025, 0.5, 0.975])
+            look = {"color": styles[name]["color"], "marker": styles[name]["marker"], "markersize": 3.6}
+            axes.plot([low, high], [i, i], color=look["color"], linewidth=1.6, solid_capstyle="butt")
+            axes.plot(median, i, linestyle="none", **look)
     axes.set_yticks(range(len(names)), [short(name, names) for name in names])
     axes.set_ylim(len(names) - 0.5, -0.5)
     every = np.append(values[np.isfinite(values)], observed)

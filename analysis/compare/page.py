@@ -8,7 +8,7 @@ import xarray as xr
 
 from ..page.numbers import factor_of, in_brackets, interval, number, percent
 from ..page.page import Block, Brief, Cautions, Listing, Note, Page, Picture, Row, Section, Table, Verbatim
-from . import figures, figures_taps
+from . import figures, figures_decisions, figures_taps
 from .run import Comparison
 from .taps import SAMPLE
 
@@ -207,7 +207,8 @@ def _checks(comparison: Comparison, summary: Row) -> Iterator[Block]:
     yield Picture(
         "checks",
         "Predictive checks",
-        "Statistics of the training taps (lines) and of replicates drawn from each fitted model (ticks).",
+        "Statistics of the training taps (blue line) and of replicates drawn from each fitted model (median and "
+        "central 95%). A model whose bar does not reach the line does not reproduce the statistic.",
         partial(figures_taps.predictive_checks, comparison.checks),
     )
 
@@ -275,9 +276,9 @@ def _decisions(comparison: Comparison, summary: Row) -> Iterator[Block]:
     yield Picture(
         "decisions",
         "Errors against reaction time",
-        "Mean errors against mean reaction times, one point per threshold; bands are 95% intervals, cut at the "
-        "top of the panels.",
-        partial(figures.decision_curves, comparison.curves, comparison.grid),
+        f"Mean errors of each model against mean reaction times, one point per threshold; grey: {summary['reference']}. "
+        "Bands are 95% intervals, cut at the top of the panels.",
+        partial(figures_decisions.decision_curves, comparison.curves, comparison.grid),
         curves=True,
     )
     meaning = (
@@ -301,8 +302,9 @@ def _decisions(comparison: Comparison, summary: Row) -> Iterator[Block]:
     calibration = Picture(
         "miscalibration",
         "Calibration of decisions",
-        "Fraction of wrong objects over the mean of 1 − belief, against the threshold; 1 if calibrated.",
-        partial(figures.miscalibration, comparison.curves),
+        "Fraction of wrong objects over the mean of 1 − belief at the decision, against the threshold, with 95% "
+        f"intervals; 1 is calibrated, more is overconfident. Grey: {summary['reference']}.",
+        partial(figures_decisions.miscalibration, comparison.curves),
         curves=True,
     )
     yield Section("Calibration of decisions", [calibration], folded=True)

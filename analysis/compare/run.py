@@ -32,7 +32,7 @@ from ..stats.checks import REPLICATES, predictive_checks
 from ..stats.decisions import at_equal_taps, decision_curves, planned, play_models
 from ..tasks.crew import ONE_BY_ONE, Crew, on_threads
 from ..tasks.kept import Kept
-from . import figures
+from . import figures, figures_decisions
 from .classes import class_scores
 from .groups import UNITS, known_taps
 from .left_out import LeftGroups, leave_out_groups
@@ -277,8 +277,8 @@ def _decide(
             progress=advance,
         )
     curves, equal = decision_curves(played), at_equal_taps(played)
-    drawn = partial(figures.decision_curves, curves, grid), partial(figures.decision_differences, equal, grid)
-    draw_ahead((*drawn, partial(figures.miscalibration, curves)))
+    drawn = partial(figures_decisions.decision_curves, curves, grid), partial(figures.decision_differences, equal, grid)
+    draw_ahead((*drawn, partial(figures_decisions.miscalibration, curves)))
     return classes, curves, equal, sessions_in_words(table) if len(table.pool.count) == 1 else ""
 
 

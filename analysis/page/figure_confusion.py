@@ -36,7 +36,7 @@ def confusion(passive: ArrayLike | None, active: ArrayLike | None, labels: Seque
     if not tables:
         raise ValueError("passive and active are both None: there is no confusion table to draw.")
     width = TWO_COLUMNS if len(tables) > 1 else ONE_COLUMN + 0.4
-    figure, axes = new_figure(width, 3.5, 1, len(tables), sharey=True)
+    figure, axes = new_figure(width, 3.5, 1, len(tables), sharey=True, panel=2.6)
     image = None
     for panel, letter, (name, table) in zip(axes[0], "AB"[: len(tables)], tables.items(), strict=True):
         image = plot_confusion(panel, table, labels)
@@ -74,7 +74,7 @@ def row_normalised(table: ArrayLike) -> NDArray[np.float64]:
 
 def _write_numbers(axes: Axes, share: NDArray[np.float64]) -> None:
     roomy = len(share) <= 6
-    size = 8 if roomy else 6
+    size = "medium" if roomy else "small"
     for (row, column), value in np.ndenumerate(share):
         if np.isfinite(value) and value >= 0.005:
             colour = "white" if value > 0.55 else "black"

@@ -48,7 +48,7 @@ class BeliefCase(NamedTuple):
 @styled
 def beliefs(clear: BeliefCase, ambiguous: BeliefCase, grid: ClassGrid) -> Figure:
     """Beliefs of all classes against the number of taps, a clear (A) and an ambiguous case (B); Fig. 4."""
-    figure, axes = new_figure(TWO_COLUMNS, 2.7, 1, 2, sharey=True)
+    figure, axes = new_figure(TWO_COLUMNS, 2.7, 1, 2, sharey=True, panel=2.6)
     for panel, letter, case in zip(axes[0], "AB", (clear, ambiguous), strict=True):
         plot_beliefs(panel, case, grid)
         label_panel(panel, letter)
@@ -71,7 +71,7 @@ def plot_beliefs(axes: Axes, case: BeliefCase, grid: ClassGrid) -> Axes:
     axes.set(xlabel="taps", ylim=(-0.02, 1.02))
     axes.locator_params(axis="x", integer=True)
     axes.legend(
-        loc="lower left", bbox_to_anchor=(0.04, 0.99), borderaxespad=0, borderpad=0.2, labelspacing=0.2, fontsize=6.5
+        loc="lower right", bbox_to_anchor=(1, 1), borderaxespad=0, borderpad=0.3, labelspacing=0.2, handlelength=2.4
     )
     return axes
 
@@ -101,7 +101,7 @@ def trajectories(passive: ArrayLike, active: ArrayLike, grid: ClassGrid, fixatio
     mark_fixation(axes[0, 1], grid, fixation)
     axes[0, 0].set_ylabel(axis_label("position", grid.axis_unit))
     note = "Lines at the same position are offset by up to a quarter of a class; dots mark decisions."
-    figure.supxlabel(note, fontsize=7)
+    figure.supxlabel(note, fontsize="small")
     return figure
 
 

@@ -1,4 +1,4 @@
-"""Style of all figures: sizes, fonts, colours, axis labels, and files.
+"""Style of all figures: fonts, colours, axis labels, and files; `figure_sizes` holds their sizes.
 
 Matplotlib is imported when a figure is drawn, so that importing this package stays cheap. Figures are plain
 `matplotlib.figure.Figure` objects and settings hold only while one is drawn or written: no pyplot and no global
@@ -8,9 +8,7 @@ state.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
-from contextvars import ContextVar
+from collections.abc import Callable, Iterable, Sequence
 from functools import cache, partial, wraps
 from io import BytesIO
 from pathlib import Path
@@ -21,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...models.storage import complete_file
 from .figure_curves import CurvePanel, curves_of
+from .figure_sizes import ONE_COLUMN, TWO_COLUMNS, finish, new_figure, sized
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -28,9 +27,13 @@ if TYPE_CHECKING:
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure, SubFigure
 
-ONE_COLUMN = 3.4  # inches
-TWO_COLUMNS = 7.0
 _PNG_DPI = 200
+_MADE: dict[str, dict[str, Any]] = {
+    "svg": {"Date": None, "Creator": "solidtouch"},
+    "pdf": {"CreationDate": None, "Creator": "solidtouch"},
+    "png": {"Software": "solidtouch"},
+}
+FORMATS = tuple(_MADE)
 _MOST_LETTERS = 28
 _FONT = "DejaVu Sans"
 MOST_FACTOR = 1000.0  # beyond which the size of a factor says nothing
@@ -75,8 +78,14 @@ _STYLE: dict[Any, Any] = {
     "ytick.major.width": 0.6,
     "xtick.major.size": 3,
     "ytick.major.size": 3,
+    "xtick.major.pad": 3.5,
+    "ytick.major.pad": 3.5,
     "xtick.minor.width": 0.4,
+    "ytick.minor.width": 0.4,
     "xtick.minor.size": 1.5,
+    "ytick.minor.size": 1.5,
+    "xtick.minor.pad": 3.4,
+    "ytick.minor.pad": 3.4,
     "lines.linewidth": 1.0,
     "lines.markersize": 3.0,
     "figure.dpi": 100,
@@ -84,6 +93,7 @@ _STYLE: dict[Any, Any] = {
     "savefig.facecolor": "white",
     "svg.fonttype": "path",
     "svg.hashsalt": "solidtouch",
+    "pdf.fonttype": 42,  # as journals ask for
 }
 
 
@@ -94,10 +104,11 @@ def styled[**P, R](draw: Callable[P, R]) -> Callable[P, R]:
     def drawn(*args: P.args, **kwargs: P.kwargs) -> R:
         import matplotlib as mpl  # noqa: PLC0415
 
-        with mpl.rc_context(_STYLE):
+        with mpl.rc_context(sized(_STYLE)):
             drawn = draw(*args, **kwargs)
             if hasattr(drawn, "subfigs"):
                 _make_plain(drawn)
+                finish(drawn)
             return drawn
 
     return drawn
@@ -122,29 +133,6 @@ def _letters() -> set[int]:
     from matplotlib.font_manager import findfont, get_font  # noqa: PLC0415
 
     return set(get_font(findfont(_FONT)).get_charmap())
-
-
-_TARGET: ContextVar[Figure | SubFigure | None] = ContextVar("target", default=None)
-
-
-@contextmanager
-def drawn_into(figure: Figure | SubFigure | None) -> Iterator[None]:
-    """Has the figure that is drawn meanwhile drawn into this one, whose size stays; `None` for one of its own."""
-    token = _TARGET.set(figure)
-    try:
-        yield
-    finally:
-        _TARGET.reset(token)
-
-
-def new_figure(
-    width: float, height: float, rows: int = 1, columns: int = 1, **options: Any
-) -> tuple[Figure, NDArray[Any]]:
-    """A figure of this size in inches, or the one of `drawn_into`, and its axes, shape (rows, columns)."""
-    from matplotlib.figure import Figure  # noqa: PLC0415
-
-    figure: Any = _TARGET.get() or Figure(figsize=(width, height), layout="constrained")
-    return figure, figure.subplots(rows, columns, squeeze=False, **options)
 
 
 class Drawing(NamedTuple):
@@ -175,7 +163,7 @@ def drawing_of(figure: Figure) -> Drawing:
         figure.set_layout_engine(None)  # with an engine a figure is drawn twice
     curves = curves_of(figure)  # before the SVG, in which they have ids
     file = BytesIO()
-    figure.savefig(file, format="svg", dpi=300, metadata={"Date": None, "Creator": "solidtouch"})
+    figure.savefig(file, format="svg", dpi=300, metadata=_MADE["svg"])
     return Drawing(file.getvalue(), figure.get_figwidth(), partial(_pixels, figure), curves)
 
 
@@ -224,6 +212,13 @@ def save(figure: Figure | Drawing, folder: str | Path, name: str, most: float = 
     with complete_file(png, force=True) as temporary:
         temporary.write_bytes(drawing.png())
     return svg, png
+
+
+@styled
+def save_as(figure: Figure, path: Path, kind: str) -> None:
+    """Writes a figure into a file that may exist, as one of `FORMATS`; the same figure gives the same bytes."""
+    with complete_file(path, force=True) as temporary:
+        figure.savefig(temporary, format=kind, dpi=_PNG_DPI if kind == "png" else 300, metadata=_MADE[kind])
 
 
 def short(name: str, among: Iterable[str] = ()) -> str:
@@ -298,7 +293,7 @@ def axis_label(quantity: str, unit: str) -> str:
 
 def label_panel(axes: Axes, letter: str, title: str = "") -> None:
     """Writes the panel's letter at its upper left corner and a title above its middle."""
-    axes.set_title(letter, loc="left", fontsize=9, fontweight="bold")
+    axes.set_title(letter, loc="left", fontsize="large", fontweight="bold")
     axes.set_title(title)
 
 

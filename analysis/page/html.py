@@ -15,6 +15,7 @@ from markupsafe import Markup
 from ...models.errors import InputError
 from .ahead import drawn_ahead, key_of
 from .figure_curves import CurvePanel
+from .figure_sizes import is_drawn_for_pages
 from .figure_style import drawn, save
 from .page import Page, Picture, Section, blocks_of, brief, spans
 
@@ -59,7 +60,7 @@ def draw_pictures(
 ) -> dict[str, Image | str]:
     """Writes figures into a folder, and returns them for a page by name, or why one could not be drawn."""
     images: dict[str, Image | str] = {}
-    known = drawn_ahead()
+    known = drawn_ahead() if is_drawn_for_pages() else {}
     for picture in pictures:
         try:
             key = key_of(picture.draw)

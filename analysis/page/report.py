@@ -10,7 +10,7 @@ from ...models.errors import InputError
 from ...models.progress import Progress, no_progress
 from ...models.storage import complete_folder
 from .ahead import draw_ahead
-from .figure_style import drawn_into
+from .figure_sizes import StyleName, drawn_as, is_drawn_for_pages
 from .html import draw_pictures, render_brief, write_page
 from .page import Page, Picture
 
@@ -64,24 +64,28 @@ class Report(ABC):
         """Names of the page's figures, each with its title."""
         return {picture.name: picture.title for picture in self.pictures}
 
-    def plot(self, name: str, figure: "Figure | SubFigure | None" = None) -> "Figure | SubFigure":
+    def plot(
+        self, name: str, figure: "Figure | SubFigure | None" = None, style: StyleName = "page"
+    ) -> "Figure | SubFigure":
         """Draws one of the page's figures.
 
         Args:
             name: One of `figures`.
             figure: Where to draw, such as part of a figure of your own; `None` for a new figure.
+            style: Sizes of a new figure: `page`, `paper` (88 mm or, of figures that need it, 180 mm wide, with type of
+                7 points) or `talk` (16:9, with large type).
 
         Returns:
             The figure; its panels are `figure.axes`.
 
         Raises:
-            InputError: There is no such figure.
+            InputError: There is no such figure or style.
         """
         pictures = {picture.name: picture for picture in self.pictures}
         if name not in pictures:
             known = ", ".join(pictures) or "none"
             raise InputError(f"The report has no figure {name!r}; its figures are {known}.")
-        with drawn_into(figure):
+        with drawn_as(style, figure):
             drawn = pictures[name].draw()
         if drawn is None:
             raise InputError(f"The figure {name!r} is empty.")
@@ -108,20 +112,28 @@ class StudyReport(Report):
 
     summary: Any
 
-    def save(self, folder: str | Path, force: bool = False, progress: Progress = no_progress) -> None:
+    def save(
+        self,
+        folder: str | Path,
+        force: bool = False,
+        progress: Progress = no_progress,
+        style: StyleName = "page",
+    ) -> None:
         """Writes the page as `report.html`, the summary, the figures and further files, all or none.
 
         Args:
             folder: Where to.
             force: Whether files in an existing folder may be replaced.
             progress: Called with the name and size of the stage; returns the function that advances it.
+            style: Sizes of the figures, see `plot`.
 
         Raises:
-            InputError: The folder cannot be written.
+            InputError: The folder cannot be written, or there is no such style.
         """
         page = self.page
-        draw_ahead(picture.draw for picture in page.pictures)
-        with complete_folder(folder, force) as temporary:
+        with drawn_as(style), complete_folder(folder, force) as temporary:
+            if is_drawn_for_pages():
+                draw_ahead(picture.draw for picture in page.pictures)
             self._write_more(temporary)
             images = draw_pictures(temporary, page.pictures, progress("Drawing figures", len(page.pictures)))
             write_page(temporary, page, self.summary, self.SUMMARY, images)

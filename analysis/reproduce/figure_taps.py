@@ -128,7 +128,7 @@ def _layout(axes: Axes, position: NDArray[np.float64], palette: list[Any]) -> Ax
             str(k),
             ha="center",
             va="center_baseline",
-            fontsize=6.5,
+            fontsize="small",
             color="white" if dark else "black",
         )
     axes.margins(0.25, 0.1)

@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 _BAND = "The band is the 95% interval at the highest threshold."
 _QUANTITIES = {"what_error": "object error", "where_error": "position error", "taps": "reaction time"}
 _POLICIES: dict[str, dict[str, Any]] = {
-    "passive": {"color": PASSIVE, "marker": "s", "markersize": 2.6},
+    "passive": {"color": PASSIVE, "marker": "s", "markersize": 2.6, "linestyle": (0, (4, 1.5))},
     "active": {"color": ACTIVE, "marker": "o"},
 }
 _SERIES: dict[str, dict[str, Any]] = {
@@ -159,7 +159,7 @@ def errors_by_fixation(data: xr.Dataset) -> Figure:
 
 
 def _errors_by_place(data: xr.Dataset, place: str) -> Figure:
-    figure, axes = new_figure(TWO_COLUMNS, 2.3, 1, 3)
+    figure, axes = new_figure(TWO_COLUMNS, 2.3, 1, 3, panel=2.0)
     for panel, letter, name in zip(axes[0], "ABC", _QUANTITIES, strict=True):
         plot_by_place(panel, data, name)
         panel.set_xlabel(axis_label(place, data["place"].attrs.get("units", "")))
@@ -192,7 +192,7 @@ def _threshold_key(figure: Figure, axes: np.ndarray, theta: np.ndarray) -> None:
     bar = figure.colorbar(discrete_colours(shades(len(theta))), ax=list(axes), aspect=25, pad=0.02)
     shown = np.arange(len(theta))[:: -max(1, -(-len(theta) // 14))][::-1]
     bar.set_ticks(list(shown), labels=[f"{theta[i]:.3g}" for i in shown])
-    bar.ax.tick_params(length=0, labelsize=7)
+    bar.ax.tick_params(length=0, labelsize="small")
     bar.minorticks_off()
     bar.set_label("belief threshold")
 

@@ -49,15 +49,17 @@ def forest(source: Row) -> Figure:
     }
     if source["grid"]["L"] == 1:
         del panels["where_error"]
-    figure, axes = new_figure(TWO_COLUMNS, 1.0 + _ROW * len(rows), 1, len(panels), sharey=True)
+    figure, axes = new_figure(
+        TWO_COLUMNS, 1.0 + _ROW * len(rows), 1, len(panels), sharey=True, of_text=True, whole=True
+    )
     for axis, letter, (quantity, label) in zip(axes[0], "ABCD", panels.items(), strict=False):
         plot_forest(axis, rows, f"{policy}_{quantity}", source["limits"][f"{policy}_{quantity}"])
         label_panel(axis, letter)
         axis.set_xlabel(label)
-    axes[0, 0].set_yticks(range(len(rows)), [name for name, _ in rows], fontsize=6.5)
+    axes[0, 0].set_yticks(range(len(rows)), [name for name, _ in rows], fontsize="small")
     for label, (_, row) in zip(axes[0, 0].get_yticklabels(), rows, strict=True):
         label.set_fontweight("bold" if row is None else "normal")
-    figure.supxlabel(f"{policy} perception: option − default (calibration: option / default)", fontsize=8)
+    figure.supxlabel(f"{policy} perception: option − default (calibration: option / default)", fontsize="medium")
     _key(figure)
     return figure
 
@@ -94,7 +96,7 @@ def interactions(source: Row) -> Figure | None:
         return None
     names = list(dict.fromkeys(end for pair in pairs for end in _ends(pair)))
     n = len(names)
-    figure, axes = new_figure(TWO_COLUMNS, 0.75 * n + 0.6)
+    figure, axes = new_figure(min(TWO_COLUMNS, 2.6 + 1.1 * n), 0.75 * n + 0.6, of_text=True)
     label = axis_label("object error beyond the sum", source["what_unit"])
     plot_interactions(axes[0, 0], pairs, names, label, source["limits"][f"{source['policies'][-1]}_what_error"])
     return figure
@@ -124,7 +126,7 @@ def plot_interactions(
             bounded(pair["beyond"], low, high).replace(" [", "\n["),
             ha="center",
             va="center",
-            fontsize=7,
+            fontsize="small",
             fontweight="bold" if pair["sure"] else "normal",
             bbox={"boxstyle": "round,pad=0.15", "facecolor": "white", "alpha": 0.85, "linewidth": 0},
         )
@@ -188,7 +190,7 @@ def _scaled_axis(axes: Axes, rows: Sequence[tuple[str, Row | None]], name: str, 
     axes.axvline(middle, color="black", linewidth=0.6)
     axes.set_xlim(*ends)
     axes.xaxis.set_major_locator(FixedLocator(_apart(axes, [tick for tick in ticks if ends[0] <= tick <= ends[1]])))
-    axes.tick_params(axis="x", labelsize=6.5)
+    axes.tick_params(axis="x", labelsize="small")
     axes.xaxis.set_minor_locator(NullLocator())
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: number(value)))
     return ends

@@ -55,7 +55,7 @@ _ROW = 0.19  # inches
 _COLUMNS = 4
 _STRIP, _APART = 0.05, 0.05  # where intervals begin right of a panel, and steps between them, in its widths
 _LONG = 4.0  # the largest point so often is as far as a panel goes for intervals
-_NOTE: dict[str, Any] = {"fontsize": 6, "color": "#555555"}
+_NOTE: dict[str, Any] = {"fontsize": "small", "color": "#555555"}
 
 
 @styled
@@ -63,7 +63,7 @@ def curves(source: Row) -> Figure:
     """Object and position errors against mean taps and distance, along the thresholds: a column for each group."""
     drawn = source["powers"][0]["curves"][PAPER]
     groups = grouped(drawn)
-    figure, axes = new_figure(TWO_COLUMNS, 7.4, len(_PANELS), len(groups), sharey="row")
+    figure, axes = new_figure(TWO_COLUMNS, 7.4, len(_PANELS), len(groups), sharey="row", whole=True)
     letters = iter(ascii_uppercase)
     for panels, (quantity, across) in zip(axes, _PANELS, strict=True):
         panels[0].set_ylim(0, _top(drawn.values(), quantity))
@@ -78,7 +78,7 @@ def curves(source: Row) -> Figure:
     most = max(map(len, groups.values()))
     for panel, (title, names) in zip(axes[0], groups.items(), strict=True):
         _group_key(panel, title, (BASE, *names), 1 + most)
-        _name_strip(panel)
+    figure.legend(handles=[_strip_key("largest threshold")], loc="outside lower center")
     for row, label in ((1, "mean number of taps"), (3, axis_label("mean travel of the sensor", source["where_unit"]))):
         axes[row, (len(groups) - 1) // 2].set_xlabel(label)
         for above in axes[row - 1]:
@@ -126,8 +126,10 @@ def plot_end(axes: Axes, points: Points, quantity: str, place: int, look: Mappin
     return axes
 
 
-def _name_strip(axes: Axes) -> None:
-    axes.text(1 + 0.5 * _STRIP, 1.03, "95%", transform=axes.transAxes, **_NOTE)
+def _strip_key(level: str) -> Line2D:
+    """Says what stands right of the panels."""
+    words = f"right of a panel: the point of the {level} with its 95% interval"
+    return Line2D([], [], color="#555555", marker="|", markersize=9, linestyle="none", label=words)
 
 
 def _top(drawn: Iterable[Points], quantity: str) -> float:
@@ -171,7 +173,9 @@ def equal_taps(source: Row) -> Figure:
     """Object error minus that of the fixation point at equal taps, by threshold (A to D) and by number (E to H)."""
     first = source["powers"][0]
     names = [name for name in first["strategies"] if name != BASE]
-    figure, axes = new_figure(TWO_COLUMNS, 1.5 + 2 * _ROW * len(names), 2, len(TAPS), sharey=True, sharex=True)
+    figure, axes = new_figure(
+        TWO_COLUMNS, 1.5 + 2 * _ROW * len(names), 2, len(TAPS), sharey=True, sharex=True, of_text=True, whole=True
+    )
     rows = [row for family in (PAPER, FIXED) for row in first["equal"][family] if row["strategy"] != BASE]
     axes[0, 0].set_xlim(*_ends(rows, _DIFFERENCE))
     axes[0, 0].set_yticks(range(len(names)), names)
@@ -181,7 +185,7 @@ def equal_taps(source: Row) -> Figure:
             found = {row["strategy"]: row for row in first["equal"][family] if row["taps"] == taps}
             _differences(panel, [found[name] for name in names])
             label_panel(panel, letter, f"mean {taps} taps" if family == PAPER else f"{taps} taps each")
-    figure.supxlabel(axis_label("object error − that of the fixation point", source["what_unit"]), fontsize=8)
+    figure.supxlabel(axis_label("object error − that of the fixation point", source["what_unit"]), fontsize="medium")
     _interval_key(figure, [row for row in rows if row[_DIFFERENCE] is not None])
     return figure
 
@@ -254,7 +258,7 @@ def stopping(source: Row) -> Figure:
     drawn = {rule: by_strategy[BASE] for rule, by_strategy in source["powers"][0]["curves"].items()}
     others = [rule for rule in drawn if rule != PAPER]
     rows = -(-(len(others) + 1) // _COLUMNS)
-    figure, axes = new_figure(TWO_COLUMNS, 0.3 + 1.6 * rows, rows, _COLUMNS)
+    figure, axes = new_figure(TWO_COLUMNS, 0.5 + 1.6 * rows, rows, _COLUMNS, whole=True)
     *panels, last = axes.flat[: len(others) + 1]
     looks = {rule: {"label": rule, **_rule_look(number)} for number, rule in enumerate(others)}
     top = _top(drawn.values(), "what_error")
@@ -265,18 +269,15 @@ def stopping(source: Row) -> Figure:
             plot_end(panel, points, "what_error", place, look)
         panel.tick_params(labelleft=panel in axes[:, 0])
     _null_decisions(last, {rule: drawn[rule] for rule in others}, looks)
-    titles = [*(rule.replace(", ", ",\n") for rule in others), "null decisions"]
+    titles = [*others, "null decisions"]
     for panel, letter, title in zip((*panels, last), ascii_uppercase, titles, strict=False):
         label_panel(panel, letter, title)
-        panel.title.set_fontsize(7)
         _across(panel, drawn.values(), "taps")
     for panel in axes.flat[len(titles) :]:
         panel.set_visible(False)
-    for panel in axes[0]:
-        _name_strip(panel)
     for panel in axes[:, 0]:
         panel.set_ylabel(axis_label("object error", source["what_unit"]))
-    figure.supxlabel("mean number of taps", fontsize=8)
+    figure.supxlabel("mean number of taps", fontsize="medium")
     _paper_key(figure)
     return figure
 
@@ -305,8 +306,9 @@ def _paper_key(figure: Figure) -> None:
     handles = [
         Line2D([], [], label="what (the paper's rule)", **_PAPER_LOOK),
         Line2D([], [], color=ACTIVE, label="rule of the panel"),
+        _strip_key("last level"),
     ]
-    figure.legend(handles=handles, loc="outside upper center", ncols=2, handlelength=2.6)
+    figure.legend(handles=handles, loc="outside upper center", ncols=3, handlelength=2.6)
 
 
 @styled
@@ -332,9 +334,9 @@ def trajectories(source: Row) -> Figure:
     reach = high - low or 1.0
     axes[0, 0].set_ylim(low - 0.08 * reach, high + 0.25 * reach)
     figure.supxlabel(
-        "tap (grey: fraction of trials that make it; strokes at the left: trials decided at tap 1)", fontsize=8
+        "tap (grey: fraction of trials that make it; strokes at the left: trials decided at tap 1)", fontsize="medium"
     )
-    figure.supylabel(axis_label("position", grid.where_unit), fontsize=8)
+    figure.supylabel(axis_label("position", grid.where_unit), fontsize="medium")
     return figure
 
 

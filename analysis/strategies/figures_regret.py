@@ -39,7 +39,9 @@ def regret(summary: Row) -> Figure:
     rows = [[case for case in cases if case["tap_cost"] == cost] for cost in costs]
     names = list(shown(cases[0]))
     height = 0.9 + len(costs) * (_ROW * len(names) + 0.4)
-    figure, axes = new_figure(TWO_COLUMNS, height, len(costs), len(rows[0]), sharex=True, sharey=True)
+    figure, axes = new_figure(
+        TWO_COLUMNS, height, len(costs), len(rows[0]), sharex=True, sharey=True, of_text=True, whole=True
+    )
     letters = iter("ABCDEFGHIJKL")
     for panels, of in zip(axes, rows, strict=True):
         for panel, case in zip(panels, of, strict=True):
@@ -48,7 +50,7 @@ def regret(summary: Row) -> Figure:
             _rows(panel, len(names))
             label_panel(panel, next(letters), f"{case['name']},\n{case['tap_cost']:g} mm per tap")
     _axes(axes[0, 0], names)
-    figure.supxlabel("cost above the exact rule; last column: above a bound (mm)", fontsize=8)
+    figure.supxlabel("cost above the exact rule; last column: above a bound (mm)", fontsize="medium")
     _key(figure)
     return figure
 

@@ -153,7 +153,7 @@ def _missing(axes: Axes, count: int) -> None:
         transform=axes.transAxes,
         ha="right",
         va="bottom",
-        fontsize=6,
+        fontsize="small",
         color="#555555",
     )
 

@@ -71,4 +71,4 @@ def _draw(panel: Any, curves: Sequence[Growth], *, memory: bool) -> None:
             panel.plot(last, cost[-1] * last / last[-1], ":", color="0.5", zorder=0)
         text = f"below {LEAST_MIB} MiB" if np.isnan(shown[-1]) else slope_text(fitted)
         place = 0.03, 0.98 - 0.1 * number
-        panel.annotate(text, place, xycoords="axes fraction", color=colour, fontsize=7, va="top")
+        panel.annotate(text, place, xycoords="axes fraction", color=colour, fontsize="small", va="top")

@@ -1,0 +1,215 @@
+"""Sizes of figures: for a page, a column of a paper, or a slide. The table `STYLES` holds all of them.
+
+Figures are designed with type of eight points, seven inches wide at most. A style says how large type is and how
+wide what spans the page is; strokes and marks grow with the type.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...models.errors import InputError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
+    from matplotlib.figure import Figure, SubFigure
+
+ONE_COLUMN = 3.4  # inches
+TWO_COLUMNS = 7.0
+_POINTS = 8.0  # of type in the design
+_PANEL = 1.9  # inches, the least width of a panel in the design
+_SCALED = (
+    *("font.size", "axes.titlesize", "axes.labelsize", "xtick.labelsize", "ytick.labelsize", "legend.fontsize"),
+    *(f"{axis}tick.{rank}.{size}" for axis in "xy" for rank in ("major", "minor") for size in ("width", "size", "pad")),
+)
+
+type StyleName = Literal["page", "paper", "talk"]
+
+
+class FigureStyle(NamedTuple):
+    """Sizes of one use.
+
+    Attributes:
+        points: Size of type.
+        inches: Width of a figure that spans the page.
+        column: Width of all others; those of many panels have two columns of panels there. 0 keeps their share.
+        height: Of panels without rows of text, over that of the design at this size of type.
+        aspect: Width over height of every figure; 0 where each has its own.
+    """
+
+    points: float
+    inches: float
+    column: float = 0.0
+    height: float = 1.0
+    aspect: float = 0.0
+
+    @property
+    def zoom(self) -> float:
+        """Type over that of the design."""
+        return self.points / _POINTS
+
+
+_DESIGN = FigureStyle(_POINTS, TWO_COLUMNS)
+STYLES: Mapping[str, FigureStyle] = {
+    "page": FigureStyle(10.0, 10.8, height=1.1),
+    "paper": FigureStyle(7.0, 180 / 25.4, column=88 / 25.4, height=0.85),
+    "talk": FigureStyle(16.0, 40 / 3, aspect=16 / 9),
+}
+STYLE_NAMES: tuple[StyleName, ...] = get_args(StyleName.__value__)
+_STYLE: ContextVar[FigureStyle] = ContextVar("style", default=STYLES["page"])
+_TARGET: ContextVar[Figure | SubFigure | None] = ContextVar("target", default=None)
+
+
+@contextmanager
+def drawn_as(name: StyleName, figure: Figure | SubFigure | None = None) -> Iterator[None]:
+    """Has figures drawn meanwhile in a style.
+
+    Args:
+        name: One of `STYLES`.
+        figure: Where to draw them; its size stays, and so do the sizes of the design.
+
+    Raises:
+        InputError: There is no such style.
+    """
+    if name not in STYLES:
+        raise InputError(f"There is no style {name!r}; styles are {', '.join(STYLES)}.")
+    style, target = _STYLE.set(STYLES[name] if figure is None else _DESIGN), _TARGET.set(figure)
+    try:
+        yield
+    finally:
+        _STYLE.reset(style)
+        _TARGET.reset(target)
+
+
+def is_drawn_for_pages() -> bool:
+    """Whether figures have the sizes of a page, as those drawn ahead have."""
+    return _STYLE.get() is STYLES["page"]
+
+
+def sized(settings: Mapping[Any, Any]) -> dict[Any, Any]:
+    """Settings of matplotlib with the sizes of the style."""
+    zoom = _STYLE.get().zoom
+    return {key: value * zoom if key in _SCALED else value for key, value in settings.items()}
+
+
+def new_figure(
+    width: float,
+    height: float,
+    rows: int = 1,
+    columns: int = 1,
+    *,
+    panel: float = _PANEL,
+    of_text: bool = False,
+    whole: bool = False,
+    **options: Any,
+) -> tuple[Figure, NDArray[Any]]:
+    """A figure, or the one of `drawn_as`, and its axes, shape (rows, columns).
+
+    Args:
+        width: Inches in the design.
+        height: Likewise.
+        rows: Of panels.
+        columns: Of panels; in a narrow figure they go on below.
+        panel: The least width of a panel in inches of the design.
+        of_text: Whether the height is made of rows of text, and nothing can be lower.
+        whole: Whether rows and columns say something, so that they are kept and the figure spans the page.
+        options: Of `Figure.subplots`.
+    """
+    from matplotlib.figure import Figure  # noqa: PLC0415
+
+    style, target = _STYLE.get(), _TARGET.get()
+    across = columns
+    if style.column and not whole:
+        across = max(1, min(columns, int(style.column / style.zoom / panel)))
+    high = height * style.zoom * (1.0 if of_text else style.height) * -(-rows * columns // across) / rows
+    wide = style.inches * width / TWO_COLUMNS if not style.column else style.inches if whole else style.column
+    if style.aspect:
+        high = max(style.inches / style.aspect, high)
+        wide = high * style.aspect
+    figure: Any = target or Figure(figsize=(wide, high), layout="constrained")
+    if across == columns:
+        return figure, figure.subplots(rows, columns, squeeze=False, **options)
+    return figure, _flowing(figure, rows, columns, across, **options)
+
+
+def _flowing(figure: Any, rows: int, columns: int, across: int, **options: Any) -> NDArray[Any]:
+    """Axes of a grid that goes on below after fewer columns; see `finish` for their labels."""
+    grid = figure.add_gridspec(-(-rows * columns // across), across)
+    axes = np.empty((rows, columns), dtype=object)
+    shared = {axis: str(options.get(f"share{axis}", False)).lower() for axis in "xy"}
+    for i in range(rows * columns):
+        row, column = divmod(i, columns)
+        first = {"true": (0, 0), "all": (0, 0), "row": (row, 0), "col": (0, column)}
+        like = {f"share{axis}": axes[first[how]] for axis, how in shared.items() if how in first}
+        axes[row, column] = panel = figure.add_subplot(grid[divmod(i, across)], **like)
+        panel.first_of_row = axes[row, 0]
+        beside = i % across > 0 and (shared["y"] in ("true", "all") or (shared["y"] == "row" and column > 0))
+        panel.tick_params(axis="y", labelleft=not beside)
+        panel.flows = not beside
+    return axes
+
+
+def finish(figure: Any) -> None:
+    """Labels panels that go on below, and gives strokes, marks and ticks of a drawn figure the sizes of its style."""
+    for axes in figure.axes:
+        if getattr(axes, "flows", False) and not axes.get_ylabel():
+            axes.set_ylabel(axes.first_of_row.get_ylabel())
+    zoom = _STYLE.get().zoom
+    for axes in figure.axes:
+        for axis in (axes.xaxis, axes.yaxis):
+            _fix_ticks(axis)
+    if zoom != 1:
+        _grow(figure, zoom)
+
+
+def _fix_ticks(axis: Axis) -> None:
+    """Sets sizes that ticks would take from settings when they are drawn, which may be later."""
+    import matplotlib as mpl  # noqa: PLC0415
+
+    name = f"{axis.axis_name}tick"
+    for rank in ("major", "minor"):
+        given = axis.get_tick_params(rank)
+        own: dict[str, Any] = {size: mpl.rcParams[f"{name}.{rank}.{size}"] for size in ("size", "width", "pad")}
+        own["length"] = own.pop("size")
+        own["labelsize"] = mpl.rcParams[f"{name}.labelsize"]
+        axis.set_tick_params(which=rank, **{key: value for key, value in own.items() if key not in given})
+
+
+def _grow(figure: Any, zoom: float) -> None:
+    """Makes strokes, marks and distances of a figure larger, but ticks, whose size is a setting."""
+    from matplotlib.collections import Collection, PathCollection  # noqa: PLC0415
+    from matplotlib.lines import Line2D  # noqa: PLC0415
+    from matplotlib.patches import Patch  # noqa: PLC0415
+    from matplotlib.text import Annotation  # noqa: PLC0415
+
+    ticks = {id(line) for axes in figure.axes for line in _ticks(axes)}
+    for line in figure.findobj(Line2D):
+        if id(line) not in ticks:
+            line.set(
+                linewidth=zoom * line.get_linewidth(),
+                markersize=zoom * line.get_markersize(),
+                markeredgewidth=zoom * line.get_markeredgewidth(),
+            )
+    for patch in figure.findobj(Patch):
+        patch.set_linewidth(zoom * patch.get_linewidth())
+    for collection in figure.findobj(Collection):
+        collection.set_linewidth(zoom * np.asarray(collection.get_linewidth()))
+    for marks in figure.findobj(PathCollection):
+        marks.set_sizes(zoom**2 * np.asarray(marks.get_sizes()))
+    for text in figure.findobj(Annotation):
+        if text.anncoords == "offset points":
+            text.xyann = tuple(zoom * np.asarray(text.xyann))
+
+
+def _ticks(axes: Axes) -> Iterator[Any]:
+    from matplotlib.lines import Line2D  # noqa: PLC0415
+
+    for axis in (axes.xaxis, axes.yaxis):
+        yield from axis.findobj(Line2D)
