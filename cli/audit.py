@@ -8,7 +8,7 @@ from typer import Argument, Option
 from ..models.settings import Division, FitSettings, PlaySettings
 from .shared.completion import model_lists
 from .shared.interrupt import loading
-from .shared.options import CELLS, Exponent, Fields, Force, Seed, spelled_out
+from .shared.options import CELLS, Exponent, Fields, Force, Seed, Style, spelled_out
 from .shared.report import command_line, report_folder, show_report
 
 _Passive = Annotated[bool, Option("--passive", help="Evaluate passive trials, which never move.")]
@@ -85,6 +85,7 @@ def audit(
         ),
     ] = False,
     seed: Seed = 0,
+    style: Style = "page",
     force: Force = False,
 ) -> None:
     """Test where the independence assumption fails, what that costs, and which remedy helps."""
@@ -113,5 +114,5 @@ def audit(
             progress=progress,
             command=command_line(),
         )
-        report.save(folder, force, progress)
+        report.save(folder, force, progress, style)
     show_report(report, folder)

@@ -19,6 +19,7 @@ from .shared.options import (
     Patience,
     Scheduler,
     Seed,
+    Style,
     Thresholds,
     parse_thresholds,
     spelled_out,
@@ -74,6 +75,7 @@ def compare(
     scheduler: Scheduler = None,
     patience: Patience = PATIENCE_S,
     seed: Seed = 0,
+    style: Style = "page",
     force: Force = False,
 ) -> None:
     """Compare measurement models by prediction, classification and decision error."""
@@ -106,5 +108,5 @@ def compare(
             progress=progress,
             command=command_line(),
         )
-        report.save(folder, force, progress)
+        report.save(folder, force, progress, style)
     show_report(report, folder)

@@ -26,6 +26,7 @@ with loading():
     from .fit import fit
     from .inspect import inspect
     from .perceive import perceive
+    from .redraw import redraw
     from .reproduce import reproduce
     from .rig import app as rig
     from .sensitivity import sensitivity
@@ -55,6 +56,7 @@ _COMMANDS = (
     crosscheck,
     perceive,
     view,
+    redraw,
     trials,
     compare,
     audit,

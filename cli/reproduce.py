@@ -19,6 +19,7 @@ from .shared.options import (
     Model,
     Seed,
     SettingFile,
+    Style,
     Thresholds,
     given,
     merged,
@@ -67,6 +68,7 @@ def reproduce(
     fit: Annotated[FitSettings, Fields(*FITTING, "saturation", "unconverged")] = FitSettings(),
     setting: SettingFile = None,
     seed: Seed = 0,
+    style: Style = "page",
     force: Force = False,
 ) -> None:
     """Run the paper's experiment on simulated or recorded taps; write figures, tables and a report."""
@@ -107,7 +109,7 @@ def reproduce(
             progress=progress,
             command=command_line(),
         )
-        report.save(folder, force, progress)
+        report.save(folder, force, progress, style)
     if read is not None and read.note:
         print(f"Setting: {read.note}")
     if model != PAPER:

@@ -16,6 +16,7 @@ from .shared.options import (
     Patience,
     Scheduler,
     Seed,
+    Style,
     Workers,
     spelled_out,
 )
@@ -57,6 +58,7 @@ def sensitivity(
     scheduler: Scheduler = None,
     patience: Patience = PATIENCE_S,
     seed: Seed = 0,
+    style: Style = "page",
     force: Force = False,
 ) -> None:
     """Measure the effect of each choice that the paper leaves open on its conclusion and numbers."""
@@ -82,5 +84,5 @@ def sensitivity(
             progress=progress,
             command=command_line(),
         )
-        report.save(folder, force, progress)
+        report.save(folder, force, progress, style)
     show_report(report, folder)

@@ -16,6 +16,7 @@ from .shared.options import (
     Patience,
     Scheduler,
     Seed,
+    Style,
     Workers,
     spelled_out,
 )
@@ -66,6 +67,7 @@ def strategies(
     scheduler: Scheduler = None,
     patience: Patience = PATIENCE_S,
     seed: Seed = 0,
+    style: Style = "page",
     force: Force = False,
 ) -> None:
     """Compare control strategies and stopping rules: error against taps and distance travelled."""
@@ -96,5 +98,5 @@ def strategies(
             progress=progress,
             command=command_line(),
         )
-        report.save(folder, force, progress)
+        report.save(folder, force, progress, style)
     show_report(report, folder)

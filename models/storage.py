@@ -169,12 +169,12 @@ def spooled(
         return np.memmap(file, dtype, "r", 0, shape, order)
 
 
-def read_groups(path: str | Path, names: Iterable[str], on_disk: str = "") -> "dict[str, xr.Dataset]":
+def read_groups(path: str | Path, names: Iterable[str] | None, on_disk: str = "") -> "dict[str, xr.Dataset]":
     """Groups of a netCDF file by name, fully read; empty ones for those that the file lacks.
 
     Args:
         path: The file.
-        names: Names of the groups; that of the root is "/".
+        names: Names of the groups; that of the root is "/". `None` for all.
         on_disk: Name of a variable that stays on disk if it is large; the file then stays open.
 
     Raises:
@@ -195,14 +195,25 @@ def read_groups(path: str | Path, names: Iterable[str], on_disk: str = "") -> "d
         with h5py.File(path, "r") as file:
             if own and (size := size_of(file)) <= ON_DISK:
                 check_size(path, size)
-                return {name: read_own(file, name) if name in file else xr.Dataset() for name in names}
-            file.visititems(lambda *_: None)  # if this fails, xarray would leave the file open
+                wanted = _names(file) if names is None else names
+                return {name: read_own(file, name) if name in file else xr.Dataset() for name in wanted}
+            held = _names(file)  # of all: if a visit fails, xarray would leave the file open
+            names = held if names is None else names
             there = {name for name in names if name in file}
         return {name: _group(path, name, on_disk) if name in there else xr.Dataset() for name in names}
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     except Exception as error:  # on damaged bytes these libraries raise almost any exception
         raise InputError(f"{path}: not a netCDF file, or truncated.") from error
+
+
+def _names(file: "h5py.Group") -> list[str]:
+    """Names of all groups of a file."""
+    import h5py  # noqa: PLC0415
+
+    held = ["/"]
+    file.visititems(lambda name, item: held.append(name) if isinstance(item, h5py.Group) else None)
+    return held
 
 
 def _group(path: Path, name: str, on_disk: str) -> "xr.Dataset":

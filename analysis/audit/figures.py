@@ -18,19 +18,8 @@ from matplotlib.patches import Patch, Rectangle
 from matplotlib.ticker import FixedLocator, MaxNLocator, NullLocator, StrMethodFormatter
 from numpy.typing import NDArray
 
-from ..page.figure_style import (
-    ACTIVE,
-    DECIDED,
-    MOST_FACTOR,
-    OTHERS,
-    TRUE,
-    TWO_COLUMNS,
-    axis_label,
-    label_panel,
-    new_figure,
-    short,
-    styled,
-)
+from ..page.figure_sizes import TWO_COLUMNS, key, new_figure
+from ..page.figure_style import ACTIVE, DECIDED, MOST_FACTOR, OTHERS, TRUE, axis_label, label_panel, short, styled
 from .leakage.run import Leakage
 from .remedy_scores import Measured
 from .variance.causes import first_cause, is_cause, part_words
@@ -423,7 +412,7 @@ def _map_key(figure: Figure, dependence: xr.Dataset) -> None:
     off = ~np.eye(dependence.sizes["taxel"], dtype=bool)
     if np.isnan(dependence["effect"].values[:, off]).any():
         keys["constant taxel or not tested"] = _hatched((0, 0), 1)
-    figure.legend(list(keys.values()), list(keys), loc="outside lower center", ncols=len(keys))
+    key(figure, list(keys.values()), list(keys))
 
 
 def _cause_key(axes: Axes) -> None:
@@ -449,4 +438,4 @@ def _change_key(figure: Figure) -> None:
         for word, c in words.items()
         for face in ["white" if c == _UNDECIDED else c]
     ]
-    figure.legend(handles=keys, loc="outside lower center", ncols=len(keys))
+    key(figure, keys)

@@ -9,7 +9,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from ..page.figure_style import ACTIVE, DECIDED, TRUE, TWO_COLUMNS, new_figure, styled
+from ..page.figure_sizes import TWO_COLUMNS, key, new_figure
+from ..page.figure_style import ACTIVE, DECIDED, TRUE, styled
 from ..page.numbers import number
 from .checks import FAR, summarise_checks
 
@@ -37,14 +38,14 @@ def figure_checks(tree: xr.DataTree) -> Figure | None:
     summary = summarise_checks(tree)
     if not summary.sizes["statistic"]:
         return None
-    figure, axes = new_figure(TWO_COLUMNS, 1.0 + _ROW * summary.sizes["statistic"], of_text=True)
+    figure, axes = new_figure(TWO_COLUMNS, 1.0 + _ROW * summary.sizes["statistic"], of_text=True, whole=True)
     plot_checks(axes[0, 0], summary, tree["posterior_predictive"].to_dataset())
-    key = {
+    marks = {
         "replicates, all": Line2D([], [], **_REPLICATES),
         "observed, outside the replicates": Line2D([], [], **_OBSERVED[True]),
         "observed, within": Line2D([], [], **_OBSERVED[False]),
     }
-    figure.legend(list(key.values()), list(key), loc="outside lower center", ncols=len(key))
+    key(figure, list(marks.values()), list(marks))
     return figure
 
 

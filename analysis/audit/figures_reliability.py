@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter, NullLocator
 from numpy.typing import ArrayLike, NDArray
 
+from ..page.figure_sizes import TWO_COLUMNS, key, new_figure
 from ..page.figure_style import (
     ACTIVE,
     DECIDED,
@@ -21,11 +22,9 @@ from ..page.figure_style import (
     OTHERS,
     PASSIVE,
     TRUE,
-    TWO_COLUMNS,
     colours,
     label_panel,
     line_bundle,
-    new_figure,
     short,
     styled,
 )
@@ -36,7 +35,6 @@ from .guarantees import PROMISED, USED
 _MARKERS = "osD^v<>ph"
 _CURVES = 4
 _NAMED = 8  # objects that a key names; beyond, lines are grey
-_LINE, _HANDLE = 97, 9  # characters that fit below a figure of two columns, and that a line with its marker takes
 _LEAST = 1e-4  # where fractions on a log axis end: what is below is drawn there
 _LOWEST = 0.01  # likewise of factors
 _LEAST_END = 0.05  # of intervals that an axis of factors stretches to hold
@@ -60,7 +58,7 @@ def reliability_after_taps(data: xr.Dataset) -> Figure:
     labels = [f"{label} tap{'s' * (label != '1')}" for label in labels]
     marks, words = axes[0, 2].get_legend_handles_labels()
     handles, labels = [*handles, *marks], [*labels, *(f"C: {word}" for word in words)]
-    figure.legend(handles, labels, loc="outside lower left", ncols=len(labels), handlelength=1.2)
+    key(figure, handles, labels, handlelength=1.2)
     return figure
 
 
@@ -101,7 +99,7 @@ def guarantee_factors(data: xr.Dataset) -> Figure:
 @styled
 def wanted_error(result: TargetError) -> Figure:
     """Errors and reaction times of the tuning sessions against the threshold, and what is chosen for a wanted error."""
-    figure, axes = new_figure(TWO_COLUMNS, 3.2, 1, 2, width_ratios=(1.5, 1))
+    figure, axes = new_figure(TWO_COLUMNS, 3.2, 1, 2, width_ratios=(1.5, 1), panel=2.6)
     plot_sessions(axes[0, 0], result)
     plot_times(axes[0, 1], result)
     for panel, letter in zip(axes[0], "AB", strict=True):
@@ -365,5 +363,4 @@ def _threshold_axis(axes: Axes, theta: NDArray[np.float64]) -> None:
 def _key(figure: Figure, axes: Axes) -> None:
     """One key below all panels."""
     handles, labels = axes.get_legend_handles_labels()
-    columns = max(1, min(len(labels), _LINE // (max(map(len, labels)) + _HANDLE)))
-    figure.legend(handles, labels, loc="outside lower center", ncols=columns)
+    key(figure, handles, labels)

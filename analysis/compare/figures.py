@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from ...models.grid import ClassGrid
 from ..page.figure_curves import read_off
-from ..page.figure_style import TWO_COLUMNS, axis_label, label_panel, new_figure, short, styled
+from ..page.figure_sizes import TWO_COLUMNS, key, new_figure
+from ..page.figure_style import axis_label, label_panel, short, styled
 
 _COLOURS = (
     "#cc6677",
@@ -52,7 +53,6 @@ _LABELS = {
 }
 _SPREAD = 0.2  # of the models at one number of contacts, as the logarithm of the number
 _TICKS = 15
-_LINE, _KEY = 97, 9  # characters that fit below a figure of two columns, and that a line with its marker takes
 _WORSE = 1.5  # times the log score of guessing: what is beyond that is only said to be
 
 
@@ -164,14 +164,7 @@ def _panels(data: xr.Dataset, rows: list[list[tuple[Any, dict[str, Any]]]], heig
         handles |= dict(zip(*reversed(panel.get_legend_handles_labels()), strict=True))
     order = [name for name in [*map(str, data["model"].values), "chance"] if name in handles]
     if order:
-        characters = max(map(len, order)) + _KEY
-        figure.legend(
-            [handles[name] for name in order],
-            order,
-            loc="outside lower center",
-            ncols=max(1, min(len(order), _LINE // characters)),
-            handlelength=2.6,
-        )
+        key(figure, [handles[name] for name in order], order, handlelength=2.6)
     return figure
 
 
@@ -254,6 +247,7 @@ def _class_panels(grid: ClassGrid) -> list[str]:
 
 
 def errors_of(grid: ClassGrid) -> list[str]:
+    """Errors that can be made."""
     return [name for name, classes in (("what_error", grid.M), ("where_error", grid.L)) if classes > 1] or [
         "what_error"
     ]
@@ -272,4 +266,5 @@ def _chance(name: str, grid: ClassGrid) -> float | None:
 
 
 def label_of(data: xr.Dataset, name: str) -> str:
+    """A quantity with its unit."""
     return axis_label(_LABELS[name], data[name].attrs.get("units", ""))

@@ -15,7 +15,8 @@ from matplotlib.figure import Figure
 
 from ...models.grid import ClassGrid
 from ..page.figure_curves import read_off
-from ..page.figure_style import ACTIVE, PASSIVE, TWO_COLUMNS, band, label_panel, new_figure, short, styled
+from ..page.figure_sizes import TWO_COLUMNS, key, new_figure
+from ..page.figure_style import ACTIVE, PASSIVE, band, label_panel, short, styled
 from .figures import errors_of, label_of, time_axis
 
 _COLUMNS = 4
@@ -145,10 +146,10 @@ def _key(figure: Figure, axes: Axes) -> None:
     """One key below all panels, what is in front first."""
     handles, labels = axes.get_legend_handles_labels()
     order = sorted(range(len(labels)), key=lambda i: handles[i].get_zorder(), reverse=True)
-    figure.legend(
+    key(
+        figure,
         [handles[i] for i in order],
         [labels[i] for i in order],
-        loc="outside upper center",
-        ncols=len(order),
+        above=True,
         handlelength=2.8,
     )

@@ -9,7 +9,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from ..page.figure_style import OTHERS, TRUE, TWO_COLUMNS, label_panel, new_figure, short, styled
+from ..page.figure_sizes import TWO_COLUMNS, key, new_figure
+from ..page.figure_style import OTHERS, TRUE, label_panel, short, styled
 from .figures import model_styles
 
 _ROW = 0.24  # inches per model
@@ -26,6 +27,7 @@ def groups_left_out(means: xr.Dataset) -> Figure:
     names = [str(name) for name in means["model"].values]
     figure, axes = new_figure(TWO_COLUMNS, 0.9 + _ROW * max(len(names), 4), of_text=True)
     plot_groups_left_out(axes[0, 0], means)
+    key(figure, *axes[0, 0].get_legend_handles_labels(), above=True)
     return figure
 
 
@@ -53,7 +55,6 @@ def plot_groups_left_out(axes: Axes, means: xr.Dataset) -> Axes:
     axes.set_yticks(range(len(names)), [short(name, names) for name in names])
     axes.set_ylim(len(names) - 0.5, -0.5)
     axes.set_xlabel(f"log probability per tap − that of {short(means.attrs.get('reference', names[0]))} (nat)")
-    axes.legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2)
     return axes
 
 
@@ -116,13 +117,12 @@ def predictive_checks(checks: xr.Dataset) -> Figure:
         label_panel(panel, chr(ord("A") + i))
     for panel in list(axes.flat)[count:]:
         panel.set_visible(False)
-    figure.legend(
-        handles=[
+    key(
+        figure,
+        [
             Line2D([], [], color=TRUE, linewidth=1.6, label="training taps"),
             Line2D([], [], color="black", marker="o", label="replicates: median and central 95%"),
         ],
-        loc="outside lower center",
-        ncols=2,
     )
     return figure
 

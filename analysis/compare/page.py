@@ -1,5 +1,6 @@
 """Page and labelled numbers of a comparison."""
 
+import json
 from collections.abc import Iterator
 from functools import partial
 
@@ -16,7 +17,10 @@ from .taps import SAMPLE
 def comparison_tree(comparison: Comparison, summary: Row) -> xr.DataTree:
     """All numbers with their names, dims and units."""
     groups: dict[str, xr.Dataset | None] = {
-        "/": xr.Dataset(attrs={"title": summary["title"], "command": summary["command"], "seed": summary["seed"]}),
+        "/": xr.Dataset(
+            attrs={name: summary[name] for name in ("title", "command", "seed")}
+            | {"grid": json.dumps(comparison.grid.to_dict())}
+        ),
         "taps_left_out": comparison.left_out_taps,
         f"{summary['unit']}s_left_out": comparison.left_out_groups,
         "checks": comparison.checks,
@@ -276,8 +280,8 @@ def _decisions(comparison: Comparison, summary: Row) -> Iterator[Block]:
     yield Picture(
         "decisions",
         "Errors against reaction time",
-        f"Mean errors of each model against mean reaction times, one point per threshold; grey: {summary['reference']}. "
-        "Bands are 95% intervals, cut at the top of the panels.",
+        "Mean errors of each model against mean reaction times, one point per threshold; grey: "
+        f"{summary['reference']}. Bands are 95% intervals, cut at the top of the panels.",
         partial(figures_decisions.decision_curves, comparison.curves, comparison.grid),
         curves=True,
     )

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .figure_style import ONE_COLUMN, TWO_COLUMNS, every, label_panel, new_figure, short, styled
+from .figure_sizes import ONE_COLUMN, TWO_COLUMNS, new_figure
+from .figure_style import every, label_panel, short, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

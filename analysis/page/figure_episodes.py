@@ -8,19 +8,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...models.grid import ClassGrid
-from .figure_style import (
-    DECIDED,
-    OTHERS,
-    PASSIVE,
-    TRUE,
-    TWO_COLUMNS,
-    axis_label,
-    label_panel,
-    line_bundle,
-    new_figure,
-    short,
-    styled,
-)
+from .figure_sizes import TWO_COLUMNS, new_figure
+from .figure_style import DECIDED, OTHERS, PASSIVE, TRUE, axis_label, label_panel, line_bundle, short, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -94,7 +83,7 @@ def trajectories(passive: ArrayLike, active: ArrayLike, grid: ClassGrid, fixatio
         grid: What the classes stand for.
         fixation: Index of the where class that active perception moves to.
     """
-    figure, axes = new_figure(TWO_COLUMNS, 2.7, 1, 2, sharey=True)
+    figure, axes = new_figure(TWO_COLUMNS, 2.7, 1, 2, sharey=True, panel=2.6)
     for panel, letter, name, index in zip(axes[0], "AB", ("passive", "active"), (passive, active), strict=True):
         plot_trajectories(panel, index, grid)
         label_panel(panel, letter, name)

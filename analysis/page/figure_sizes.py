@@ -6,10 +6,11 @@ wide what spans the page is; strokes and marks grow with the type.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
+from textwrap import fill
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,10 @@ ONE_COLUMN = 3.4  # inches
 TWO_COLUMNS = 7.0
 _POINTS = 8.0  # of type in the design
 _PANEL = 1.9  # inches, the least width of a panel in the design
+_PER_EM = 1.54  # characters
+_HANDLE = 9  # characters, the room of a line and its mark in a key
+_LETTER = 2  # likewise of the letter of a panel
+_SHORTEST = 16  # characters of a line that is not broken
 _SCALED = (
     *("font.size", "axes.titlesize", "axes.labelsize", "xtick.labelsize", "ytick.labelsize", "legend.fontsize"),
     *(f"{axis}tick.{rank}.{size}" for axis in "xy" for rank in ("major", "minor") for size in ("width", "size", "pad")),
@@ -62,7 +67,6 @@ STYLES: Mapping[str, FigureStyle] = {
     "paper": FigureStyle(7.0, 180 / 25.4, column=88 / 25.4, height=0.85),
     "talk": FigureStyle(16.0, 40 / 3, aspect=16 / 9),
 }
-STYLE_NAMES: tuple[StyleName, ...] = get_args(StyleName.__value__)
 _STYLE: ContextVar[FigureStyle] = ContextVar("style", default=STYLES["page"])
 _TARGET: ContextVar[Figure | SubFigure | None] = ContextVar("target", default=None)
 
@@ -141,6 +145,7 @@ def new_figure(
 
 def _flowing(figure: Any, rows: int, columns: int, across: int, **options: Any) -> NDArray[Any]:
     """Axes of a grid that goes on below after fewer columns; see `finish` for their labels."""
+    options.pop("width_ratios", None)
     grid = figure.add_gridspec(-(-rows * columns // across), across)
     axes = np.empty((rows, columns), dtype=object)
     shared = {axis: str(options.get(f"share{axis}", False)).lower() for axis in "xy"}
@@ -152,7 +157,7 @@ def _flowing(figure: Any, rows: int, columns: int, across: int, **options: Any) 
         panel.first_of_row = axes[row, 0]
         beside = i % across > 0 and (shared["y"] in ("true", "all") or (shared["y"] == "row" and column > 0))
         panel.tick_params(axis="y", labelleft=not beside)
-        panel.flows = not beside
+        panel.flows = not beside and shared["y"] in ("true", "all", "row")
     return axes
 
 
@@ -161,12 +166,58 @@ def finish(figure: Any) -> None:
     for axes in figure.axes:
         if getattr(axes, "flows", False) and not axes.get_ylabel():
             axes.set_ylabel(axes.first_of_row.get_ylabel())
+    _wrap(figure)
     zoom = _STYLE.get().zoom
     for axes in figure.axes:
         for axis in (axes.xaxis, axes.yaxis):
             _fix_ticks(axis)
     if zoom != 1:
         _grow(figure, zoom)
+
+
+def characters(figure: Any) -> int:
+    """How many characters of its type fit beside each other in a figure."""
+    return int(_PER_EM * 72 * figure.bbox.width / figure.figure.dpi / _STYLE.get().points)
+
+
+def key(figure: Any, handles: Sequence[Any], labels: Sequence[str] = (), *, above: bool = False, **options: Any) -> Any:
+    """One key of all panels, below or above them, in as many columns as there is room for.
+
+    Args:
+        figure: Which.
+        handles: Lines and patches.
+        labels: What they mean; by default what their labels say.
+        above: Whether the key is above the panels.
+        options: Of `Figure.legend`.
+    """
+    labels = list(labels) or [str(handle.get_label()) for handle in handles]
+    lengths, room, n = [len(label) + _HANDLE for label in labels], characters(figure), len(labels)
+    wanted = (columns for columns in range(n, 0, -1) if _widths(lengths, -(-n // columns)) <= room)
+    place = "outside upper center" if above else "outside lower center"
+    return figure.legend(handles, labels, loc=place, ncols=next(wanted, 1), **options)
+
+
+def _widths(lengths: Sequence[int], rows: int) -> int:
+    """Characters of columns of so many rows each."""
+    return sum(max(lengths[i : i + rows]) for i in range(0, len(lengths), rows))
+
+
+def _wrap(figure: Any) -> None:
+    """Breaks labels below and titles above panels that are longer than their panels are wide."""
+    room = characters(figure)
+    for text in (figure._supxlabel, figure._suptitle):
+        if text is not None:
+            text.set_text(_filled(text.get_text(), room))
+    for axes in figure.axes:
+        place = axes.get_subplotspec()
+        if place is not None:
+            share = len(place.colspan) / place.get_gridspec().ncols
+            axes.xaxis.label.set_text(_filled(axes.get_xlabel(), int(0.95 * share * room)))
+            axes.title.set_text(_filled(axes.get_title(), int(0.9 * share * room) - _LETTER))
+
+
+def _filled(text: str, width: int) -> str:
+    return "\n".join(fill(line, max(width, _SHORTEST)) for line in text.split("\n"))
 
 
 def _fix_ticks(axis: Axis) -> None:

@@ -19,13 +19,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from ...models.storage import complete_file
 from .figure_curves import CurvePanel, curves_of
-from .figure_sizes import ONE_COLUMN, TWO_COLUMNS, finish, new_figure, sized
+from .figure_sizes import finish, new_figure, sized
 
 if TYPE_CHECKING:
     import xarray as xr
     from matplotlib.axes import Axes
     from matplotlib.cm import ScalarMappable
-    from matplotlib.figure import Figure, SubFigure
+    from matplotlib.figure import Figure
 
 _PNG_DPI = 200
 _MADE: dict[str, dict[str, Any]] = {
@@ -218,6 +218,9 @@ def save(figure: Figure | Drawing, folder: str | Path, name: str, most: float = 
 def save_as(figure: Figure, path: Path, kind: str) -> None:
     """Writes a figure into a file that may exist, as one of `FORMATS`; the same figure gives the same bytes."""
     with complete_file(path, force=True) as temporary:
+        if kind == "svg":
+            temporary.write_bytes(drawing_of(figure).svg)
+            return
         figure.savefig(temporary, format=kind, dpi=_PNG_DPI if kind == "png" else 300, metadata=_MADE[kind])
 
 

@@ -9,17 +9,8 @@ from numpy.typing import NDArray
 
 from ...models.errors import InputError
 from ...models.taps import TapSet
-from ..page.figure_style import (
-    TWELVE,
-    TWO_COLUMNS,
-    axis_label,
-    colours,
-    discrete_colours,
-    every,
-    new_figure,
-    short,
-    styled,
-)
+from ..page.figure_sizes import TWO_COLUMNS, new_figure
+from ..page.figure_style import TWELVE, axis_label, colours, discrete_colours, every, short, styled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -41,7 +32,7 @@ def pressure(taps: TapSet, what: int) -> Figure:
         InputError: The object has no tap.
     """
     palette = colours(taps.dataset.sizes["taxel"])
-    figure, axes = new_figure(TWO_COLUMNS, 2.6, 1, 2, width_ratios=[4.4, 1])
+    figure, axes = new_figure(TWO_COLUMNS, 2.6, 1, 2, width_ratios=[4.4, 1], panel=3.0)
     plot_pressure(axes[0, 0], taps, what, palette)
     plot_taxels(axes[0, 1], taps, palette)
     return figure

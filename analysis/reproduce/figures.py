@@ -16,17 +16,15 @@ from ...models.grid import ClassGrid
 from ..page.figure_confusion import confusion
 from ..page.figure_curves import read_off
 from ..page.figure_episodes import beliefs, trajectories
+from ..page.figure_sizes import ONE_COLUMN, TWO_COLUMNS, new_figure
 from ..page.figure_style import (
     ACTIVE,
-    ONE_COLUMN,
     PASSIVE,
-    TWO_COLUMNS,
     axis_label,
     band,
     class_ticks,
     discrete_colours,
     label_panel,
-    new_figure,
     shades,
     styled,
 )
@@ -37,7 +35,7 @@ from .record import ANSWERS
 from .results import Request, Results
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -128,10 +126,7 @@ def _active_pictures(request: Request, results: Results) -> Iterator[Picture]:
 
 
 def _acuity(results: Results) -> Picture:
-    # With one class of a kind its error is zero everywhere, and its panels say nothing.
-    empty = [name for name, size in zip(("where_error", "what_error"), results.grid.shape, strict=True) if size == 1]
-    empty = empty if len(empty) == 1 else []
-    curves: dict[str, xr.Dataset] = {name: curve.drop_vars(empty) for name, curve in results.curves.items()}
+    curves = {name: curve for name, curve in results.curves.items() if name in _POLICIES}
     if "active" in curves:
         title = "Decision errors, passive and active"
         note = f"; the fixation point is {results.grid.where_label(results.fixation)}."
@@ -141,7 +136,7 @@ def _acuity(results: Results) -> Picture:
         "fig7",
         title,
         f"Errors against the belief threshold and the mean reaction time; bands and bars are 95% intervals{note}",
-        partial(acuity, curves["passive"], curves.get("active")),
+        partial(acuity_of, curves, results.grid),
         curves=True,
     )
 
@@ -195,6 +190,13 @@ def _threshold_key(figure: Figure, axes: np.ndarray, theta: np.ndarray) -> None:
     bar.ax.tick_params(length=0, labelsize="small")
     bar.minorticks_off()
     bar.set_label("belief threshold")
+
+
+def acuity_of(curves: Mapping[str, xr.Dataset], grid: ClassGrid) -> Figure:
+    """The figure of curves by policy; with one class of a kind its error is zero, and its panels are left out."""
+    empty = [name for name, size in zip(("where_error", "what_error"), grid.shape, strict=True) if size == 1]
+    kept = {name: curve.drop_vars(empty if len(empty) == 1 else []) for name, curve in curves.items()}
+    return acuity(kept.get("passive"), kept.get("active"))
 
 
 @styled

@@ -1,5 +1,6 @@
 """Summary of a reproduction: `summary.json` and `results.nc`."""
 
+import json
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from typing import Any
@@ -21,6 +22,7 @@ from ..stats import metrics
 from ..stats.no_class_left import no_class_left_sentence
 from .headline import compare, headline
 from .record import AccuracyRow, FixationRecord, ReproductionSummary, TapsRecord
+from .redraw import CASES, case_group
 from .results import Request, Results, curve_rows, difference_rows, finite
 
 _PACKAGES = ("solidtouch", "numpy", "jax", "numpyro", "funsor", "arviz", "xarray", "scipy", "matplotlib")
@@ -270,12 +272,16 @@ def results_tree(request: Request, results: Results) -> xr.DataTree:
     if results.paths is not None:
         for policy, paths in results.paths._asdict().items():
             groups[f"{policy}/trajectories"] = xr.Dataset({"where_index": (("trial", "tap"), paths)})
+    groups |= {f"examples/{name}": case_group(case) for name, case in zip(CASES, results.cases, strict=True)}
     tree = xr.DataTree.from_dict(groups)
     tree.attrs = {
         "command": request.command,
         "model": request.settings.model,
         "split": f"{request.split.method}: {request.split.description}",
         "seed": request.settings.seed,
+        "theta": request.settings.thresholds[request.settings.shown],
+        "fixation": results.fixation,
+        "grid": json.dumps(grid.to_dict()),
         "solidtouch": version("solidtouch"),
     }
     return tree

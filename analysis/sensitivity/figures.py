@@ -14,7 +14,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
-from ..page.figure_style import DECIDED, OTHERS, TRUE, TWO_COLUMNS, axis_label, label_panel, new_figure, styled
+from ..page.figure_sizes import TWO_COLUMNS, key, new_figure
+from ..page.figure_style import DECIDED, OTHERS, TRUE, axis_label, label_panel, styled
 from ..page.numbers import bounded, number
 from ..page.page import Row
 from .findings import VERDICTS
@@ -210,4 +211,4 @@ def _apart(axes: Axes, ticks: Sequence[float]) -> list[float]:
 
 def _key(figure: Figure) -> None:
     lines = [Line2D([], [], **mark, markersize=4, linewidth=1.6, label=VERDICTS[name]) for name, mark in _MARKS.items()]
-    figure.legend(handles=lines, loc="outside upper center", ncols=len(lines), columnspacing=1.5)
+    key(figure, lines, above=True)

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from ...models.grid import ClassGrid
 from ..page.figure_curves import read_off
 from ..page.figure_episodes import plot_trajectories
-from ..page.figure_style import ACTIVE, OTHERS, PASSIVE, TWO_COLUMNS, axis_label, label_panel, new_figure, styled
+from ..page.figure_sizes import TWO_COLUMNS, key, new_figure
+from ..page.figure_style import ACTIVE, OTHERS, PASSIVE, axis_label, label_panel, styled
 from ..page.page import Row
 from .findings import FIXED, LOOK, PAPER, TAPS
 from .run import BASE
@@ -78,7 +79,7 @@ def curves(source: Row) -> Figure:
     most = max(map(len, groups.values()))
     for panel, (title, names) in zip(axes[0], groups.items(), strict=True):
         _group_key(panel, title, (BASE, *names), 1 + most)
-    figure.legend(handles=[_strip_key("largest threshold")], loc="outside lower center")
+    key(figure, [_strip_key("largest threshold")])
     for row, label in ((1, "mean number of taps"), (3, axis_label("mean travel of the sensor", source["where_unit"]))):
         axes[row, (len(groups) - 1) // 2].set_xlabel(label)
         for above in axes[row - 1]:
@@ -249,7 +250,7 @@ def _interval_key(figure: Figure, rows: Sequence[Row]) -> None:
     if any(row[f"{_DIFFERENCE}_low"] is None for row in rows):
         words = "no interval: too few or identical units"
         shown.append(Line2D([], [], marker="o", linestyle="none", markerfacecolor="white", label=words, **black))
-    figure.legend(handles=shown, loc="outside upper center", ncols=len(shown), columnspacing=2)
+    key(figure, shown, above=True)
 
 
 @styled
@@ -308,7 +309,7 @@ def _paper_key(figure: Figure) -> None:
         Line2D([], [], color=ACTIVE, label="rule of the panel"),
         _strip_key("last level"),
     ]
-    figure.legend(handles=handles, loc="outside upper center", ncols=3, handlelength=2.6)
+    key(figure, handles, above=True, handlelength=2.6)
 
 
 @styled

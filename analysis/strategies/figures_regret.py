@@ -10,7 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ..page.figure_style import ACTIVE, OTHERS, TWO_COLUMNS, label_panel, new_figure, styled
+from ..page.figure_sizes import TWO_COLUMNS, key, new_figure
+from ..page.figure_style import ACTIVE, OTHERS, label_panel, styled
 from ..page.page import Row
 from .regret_cases import KINDS, LOOKAHEAD, NUMBER, TEST, THRESHOLD
 from .run import BASE
@@ -103,4 +104,4 @@ def _axes(axes: Axes, names: Sequence[str]) -> None:
 
 def _key(figure: Figure) -> None:
     marks = [Line2D([], [], linestyle="none", label=kind, **_LOOKS[kind]) for kind in KINDS]
-    figure.legend(handles=marks, loc="outside upper center", ncols=len(KINDS))
+    key(figure, marks, above=True)

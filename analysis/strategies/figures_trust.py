@@ -11,7 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from ..page.figure_style import ACTIVE, OTHERS, TWO_COLUMNS, colours, label_panel, new_figure, short, styled
+from ..page.figure_sizes import TWO_COLUMNS, key, new_figure
+from ..page.figure_style import ACTIVE, OTHERS, colours, label_panel, short, styled
 from ..page.page import Row
 from .findings import INFORMED
 
@@ -168,4 +169,4 @@ def _trust_key(figure: Figure, sources: Sequence[Row]) -> None:
         Line2D([], [], color="black", linestyle="none", marker=_POWERS[power], label=f"power {power}")
         for power in shown
     ]
-    figure.legend(handles=lines + marks, loc="outside upper center", ncols=5, columnspacing=1.2)
+    key(figure, lines + marks, above=True)

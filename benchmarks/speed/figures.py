@@ -5,7 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from matplotlib.patheffects import withStroke
-from solidtouch.analysis.page.figure_style import TWO_COLUMNS, label_panel, new_figure, save, styled
+from solidtouch.analysis.page.figure_sizes import TWO_COLUMNS, new_figure
+from solidtouch.analysis.page.figure_style import label_panel, save, styled
 
 from benchmarks.speed.scaling import Curve
 

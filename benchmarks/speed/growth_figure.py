@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from solidtouch.analysis.page.figure_style import TWO_COLUMNS, label_panel, styled
+from solidtouch.analysis.page.figure_sizes import TWO_COLUMNS
+from solidtouch.analysis.page.figure_style import label_panel, styled
 
 from benchmarks.speed.growth import METHODS, SIZES, Growth, slope, slope_text
 

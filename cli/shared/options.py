@@ -47,6 +47,10 @@ SplitMethod = Annotated[
 ]
 TrainSessions = Annotated[str | None, typer.Option("--train", metavar="LIST", help="Training sessions, such as 0,1.")]
 TestSessions = Annotated[str | None, typer.Option("--test", metavar="LIST", help="Test sessions, such as 2.")]
+Style = Annotated[
+    Literal["page", "paper", "talk"],
+    typer.Option("--style", help="Figures for a page, for a column of a paper (88 mm, 7 pt), or for slides (16:9)."),
+]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite existing files.")]
 _MODEL_HELP = (
     f"Measurement model: {', '.join(NAMES)}, or FILE.py:FUNCTION for a NumPyro function of yours; session:NAME adds an "

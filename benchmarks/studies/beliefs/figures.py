@@ -7,16 +7,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from solidtouch.analysis.page.figure_style import (
-    ACTIVE,
-    DECIDED,
-    OTHERS,
-    TRUE,
-    TWO_COLUMNS,
-    label_panel,
-    new_figure,
-    styled,
-)
+from solidtouch.analysis.page.figure_sizes import TWO_COLUMNS, new_figure
+from solidtouch.analysis.page.figure_style import ACTIVE, DECIDED, OTHERS, TRUE, label_panel, styled
 
 _LOOK = {"what": (DECIDED, "o"), "where": (TRUE, "s"), "joint": (ACTIVE, "^")}
 _LEAST, _MOST = 0.1, 100.0  # factors beyond are drawn at the end of the axis

@@ -7,7 +7,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from solidtouch.analysis.page.figure_style import OTHERS, TWELVE, TWO_COLUMNS, label_panel, new_figure, styled
+from solidtouch.analysis.page.figure_sizes import TWO_COLUMNS, new_figure
+from solidtouch.analysis.page.figure_style import OTHERS, TWELVE, label_panel, styled
 
 
 @styled

@@ -9,7 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
 from numpyro.infer.inspect import get_model_relations
-from solidtouch.analysis.page.figure_style import OTHERS, TWO_COLUMNS, new_figure, save, styled
+from solidtouch.analysis.page.figure_sizes import TWO_COLUMNS, new_figure
+from solidtouch.analysis.page.figure_style import OTHERS, save, styled
 from solidtouch.models.measurement import (
     gaussian,
     histogram,

@@ -8,16 +8,15 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.stats import t
+from solidtouch.analysis.page.figure_sizes import TWO_COLUMNS, new_figure
 from solidtouch.analysis.page.figure_style import (
     ACTIVE,
     DECIDED,
     OTHERS,
     TRUE,
-    TWO_COLUMNS,
     axis_label,
     class_ticks,
     label_panel,
-    new_figure,
     styled,
 )
 from solidtouch.analysis.stats.metrics import CONFIDENCE

@@ -8,7 +8,8 @@ import xarray as xr
 from solidtouch.analysis.compare import figures as figure_compare
 from solidtouch.analysis.compare.classes import CALIBRATIONS
 from solidtouch.analysis.compare.classes import MEANS as SCORES
-from solidtouch.analysis.page.figure_style import new_figure, save
+from solidtouch.analysis.page.figure_sizes import new_figure
+from solidtouch.analysis.page.figure_style import save
 from solidtouch.models.grid import ClassGrid
 
 NAMES = [f"model {i}" for i in range(10)]

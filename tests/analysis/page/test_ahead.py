@@ -25,7 +25,7 @@ import numpy as np
 from solidtouch.analysis.page import html
 from solidtouch.analysis.page.ahead import draw_ahead, drawing_ahead
 from solidtouch.analysis.page.drawing_process import DrawingProcess
-from solidtouch.analysis.page.figure_style import new_figure
+from solidtouch.analysis.page.figure_sizes import new_figure
 from solidtouch.analysis.page.page import Picture
 
 pids = Path("pids")

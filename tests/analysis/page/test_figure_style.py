@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as some
 from solidtouch.analysis.page.figure_confusion import plot_confusion
-from solidtouch.analysis.page.figure_style import axis_label, new_figure, short, short_unit, unit_name
+from solidtouch.analysis.page.figure_sizes import new_figure
+from solidtouch.analysis.page.figure_style import axis_label, short, short_unit, unit_name
 
 ROD = "smooth aluminium rod of the second workshop series no. {} with a matt finish"
 

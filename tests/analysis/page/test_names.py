@@ -10,7 +10,8 @@ import pytest
 from hostile_names import NAMES, UNIT
 from matplotlib.text import Text
 from solidtouch.analysis.page.figure_confusion import confusion
-from solidtouch.analysis.page.figure_style import new_figure, save, short, styled
+from solidtouch.analysis.page.figure_sizes import new_figure
+from solidtouch.analysis.page.figure_style import save, short, styled
 from solidtouch.analysis.page.html import draw_pictures, write_page
 from solidtouch.analysis.page.page import Brief, Cautions, Listing, Page, Picture, Section, Table
 from solidtouch.analysis.page.terminal import as_text

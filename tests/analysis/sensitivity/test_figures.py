@@ -4,7 +4,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from solidtouch.analysis.page.figure_style import TWO_COLUMNS, new_figure, styled
+from solidtouch.analysis.page.figure_sizes import TWO_COLUMNS, new_figure
+from solidtouch.analysis.page.figure_style import styled
 from solidtouch.analysis.sensitivity.figures import plot_forest
 
 
