@@ -126,21 +126,28 @@ def new_figure(
         whole: Whether rows and columns say something, so that they are kept and the figure spans the page.
         options: Of `Figure.subplots`.
     """
-    from matplotlib.figure import Figure  # noqa: PLC0415
-
-    style, target = _STYLE.get(), _TARGET.get()
+    style = _STYLE.get()
     across = columns
     if style.column and not whole:
         across = max(1, min(columns, int(style.column / style.zoom / panel)))
-    high = height * style.zoom * (1.0 if of_text else style.height) * -(-rows * columns // across) / rows
+    height *= -(-rows * columns // across) / rows
+    figure = empty_figure(width, height, of_text=of_text, whole=whole)
+    if across == columns:
+        return figure, figure.subplots(rows, columns, squeeze=False, **options)
+    return figure, _flowing(figure, rows, columns, across, **options)
+
+
+def empty_figure(width: float, height: float, *, of_text: bool = False, whole: bool = False) -> Any:
+    """A figure, or the one of `drawn_as`, without panels; see `new_figure`."""
+    from matplotlib.figure import Figure  # noqa: PLC0415
+
+    style = _STYLE.get()
+    high = height * style.zoom * (1.0 if of_text else style.height)
     wide = style.inches * width / TWO_COLUMNS if not style.column else style.inches if whole else style.column
     if style.aspect:
         high = max(style.inches / style.aspect, high)
         wide = high * style.aspect
-    figure: Any = target or Figure(figsize=(wide, high), layout="constrained")
-    if across == columns:
-        return figure, figure.subplots(rows, columns, squeeze=False, **options)
-    return figure, _flowing(figure, rows, columns, across, **options)
+    return _TARGET.get() or Figure(figsize=(wide, high), layout="constrained")
 
 
 def _flowing(figure: Any, rows: int, columns: int, across: int, **options: Any) -> NDArray[Any]:

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from matplotlib.patheffects import withStroke
-from solidtouch.analysis.page.figure_sizes import TWO_COLUMNS, new_figure
+from matplotlib.lines import Line2D
+from solidtouch.analysis.page.figure_sizes import TWO_COLUMNS, key, new_figure
 from solidtouch.analysis.page.figure_style import label_panel, save, styled
 
 from benchmarks.speed.scaling import Curve
@@ -18,9 +18,10 @@ COLOURS = {
     "solidtouch": "#000000",
     "C": "#0072b2",
 }
+MARKS = {"NumPy loop": "v", "NumPy batches": "^", "dynamax": "D", "solidtouch": "o", "C": "s"}
 NAMES = {"C": "limit, in C"}
 DASHES = {"passive": "-", "active": (0, (4, 2))}
-PANELS = {"classes": "classes, L x M", "trials in a call": "trials in a call", "trials": "trials"}
+PANELS = {"classes": "classes, L × M", "trials in a call": "trials in a call", "trials": "trials"}
 
 
 @styled
@@ -35,10 +36,14 @@ def cost_figure(curves: Sequence[Curve]) -> Any:
         panel.set(xscale="log", yscale="log", xlabel=PANELS[axis])
         label_panel(panel, letter)
     axes[0, 0].set_ylabel("time per tap-update (ns)")
-    _label(axes[0, 0], next(iter(panels.values())))
-    axes[0, -1].plot([], [], "-", color="0.3", label="passive")
-    axes[0, -1].plot([], [], linestyle=DASHES["active"], color="0.3", label="active")
-    axes[0, -1].legend(loc="upper right")
+    drawn = {curve.method.partition(", ")[0] for curve in curves}
+    methods = [
+        Line2D([], [], color=COLOURS[name], marker=MARKS[name], label=NAMES.get(name, name))
+        for name in COLOURS
+        if name in drawn
+    ]
+    policies = [Line2D([], [], color="0.3", linestyle=dash, label=policy) for policy, dash in DASHES.items()]
+    key(figure, [*methods, *policies], above=True, handlelength=2.6)
     return figure
 
 
@@ -50,23 +55,4 @@ def draw(curves: Sequence[Curve], folder: Path) -> Path:
 def _draw(axes: Any, curve: Curve) -> None:
     method, _, policy = curve.method.partition(", ")
     nanoseconds = [1e9 * time_ for time_ in curve.medians()]
-    axes.plot(curve.size, nanoseconds, marker="o", color=COLOURS[method], linestyle=DASHES[policy])
-
-
-def _label(axes: Any, curves: Sequence[Curve]) -> None:
-    """Names each method behind the end of its passive line, one name clear of the other."""
-    ends = sorted((1e9 * curve.medians()[-1], curve) for curve in curves if curve.method.endswith(", passive"))
-    low, high = axes.get_ylim()
-    least = (high / low) ** 0.05
-    height = 0.0
-    for end, curve in ends:
-        height = max(end, height * least)
-        method = curve.method.partition(", ")[0]
-        style = {
-            "color": COLOURS[method],
-            "va": "center",
-            "path_effects": [withStroke(linewidth=2.5, foreground="white")],
-        }
-        axes.annotate(NAMES.get(method, method), (curve.size[-1], height), (5, 0), textcoords="offset points", **style)
-    low, high = axes.get_xlim()
-    axes.set_xlim(low, high * (high / low) ** 0.45)
+    axes.plot(curve.size, nanoseconds, marker=MARKS[method], color=COLOURS[method], linestyle=DASHES[policy])

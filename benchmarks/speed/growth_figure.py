@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from solidtouch.analysis.page.figure_sizes import TWO_COLUMNS
+from solidtouch.analysis.page.figure_sizes import TWO_COLUMNS, empty_figure, key
 from solidtouch.analysis.page.figure_style import label_panel, styled
 
 from benchmarks.speed.growth import METHODS, SIZES, Growth, slope, slope_text
@@ -36,9 +36,7 @@ LEAST_MIB = 0.1
 @styled
 def growth_figure(found: Sequence[Growth]) -> Any:
     """Time and memory of tap-updates and of fits, on logarithmic axes, with the slope of each line."""
-    from matplotlib.figure import Figure  # noqa: PLC0415
-
-    figure: Any = Figure(figsize=(TWO_COLUMNS, 8.6), layout="constrained")
+    figure: Any = empty_figure(TWO_COLUMNS, 8.6, whole=True)
     letters = iter("ABCDEFGHIJKLMNOP")
     for part, (work, methods) in zip(figure.subfigures(len(METHODS), 1), METHODS.items(), strict=True):
         sizes = [axis for axis in SIZES if any(axis in measured for measured in methods.values())]
@@ -54,7 +52,7 @@ def growth_figure(found: Sequence[Growth]) -> Any:
         for panel, axis in zip(axes[-1], sizes, strict=True):
             panel.set_xlabel(NAMES[axis])
         lines = [panel.plot([], [], "-", color=STYLES[name][0], marker=STYLES[name][1])[0] for name in methods]
-        part.legend(lines, methods, loc="outside upper center", ncols=len(methods))
+        key(part, lines, list(methods), above=True)
     return figure
 
 

@@ -28,7 +28,7 @@ from solidtouch.models.seeds import data_set_seed
 from solidtouch.models.taps import TapSet
 from solidtouch.models.threads import one_blas_thread
 
-from benchmarks.page import check_block, mean_interval, publish, share_interval, table, write_block
+from benchmarks.page import block_of, check_block, mean_interval, publish, share_interval, table, write_block
 from benchmarks.studies.audit.figures import PowerCurve, power_figure
 from benchmarks.study import thinned, until_interrupted, write_json
 
@@ -50,6 +50,8 @@ NOTHING = "none"
 _LEVELS = (*TESTS, "lag 1", "any lag")
 EFFECTS = ("rank correlation", "distance correlation", "information (nats)", "autocorrelation, lag 1")
 """Effect sizes of the first four of them."""
+_FIRST_RATE = 3 + len(TESTS) + 3
+"""Column of the table of power in which rates begin."""
 
 
 class Outcome(NamedTuple):
@@ -175,18 +177,52 @@ def power_page(found: dict[tuple[str, float], list[Outcome]]) -> str:
     )
 
 
-def power_panels(found: dict[tuple[str, float], list[Outcome]]) -> dict[str, list[PowerCurve]]:
+class Point(NamedTuple):
+    """Mean effect and number of rejections of one test where one knob is turned to one value."""
+
+    effect: float
+    hits: int
+    data_sets: int
+
+
+def points_of(found: dict[tuple[str, float], list[Outcome]]) -> list[tuple[str, list[Point]]]:
+    """The knob of every value and a point for each of the tests in `EFFECTS`."""
+    return [
+        (
+            knob,
+            [
+                Point(column(outcomes, "effect", i).mean(), int(hits.sum()), len(hits))
+                for i in range(len(EFFECTS))
+                for hits in [column(outcomes, "found", i)]
+            ],
+        )
+        for (knob, _), outcomes in found.items()
+    ]
+
+
+def points_in(document: Path) -> list[tuple[str, list[Point]]]:
+    """The same from the table of a page, where effects are rounded."""
+    points = []
+    for line in block_of(document, "audit-power").splitlines():
+        cells = [cell.strip() for cell in line.strip("|").replace("−", "-").split("|")]
+        if len(cells) > _FIRST_RATE and cells[0] in (*KNOBS, NOTHING):
+            numbers = [float(cell) if cell != "-" else np.nan for cell in cells[2:]]
+            n, effects, rates = int(numbers[0]), numbers[1:], numbers[_FIRST_RATE - 2 :]
+            points.append((cells[0], [Point(effects[i], round(rates[i] * n), n) for i in range(len(EFFECTS))]))
+    return points
+
+
+def power_panels(points: list[tuple[str, list[Point]]]) -> dict[str, list[PowerCurve]]:
     """What the figure shows: the curves of three tests across taxels and of lag 1, with the point of no knob."""
     panels = {}
     for index, name in enumerate(EFFECTS):
         panels[name] = []
         for knob in KNOBS:
-            points = [outcomes for (turned, _), outcomes in found.items() if turned in (knob, NOTHING)]
-            effect, rate = ([column(one, kind, index) for one in points] for kind in ("effect", "found"))
-            ends = [binomtest(int(r.sum()), len(r)).proportion_ci(method="wilson") for r in rate]
-            means = [np.array([values.mean() for values in kind]) for kind in (effect, rate)]
+            own = [tests[index] for turned, tests in points if turned in (knob, NOTHING)]
+            ends = [binomtest(point.hits, point.data_sets).proportion_ci(method="wilson") for point in own]
+            effect, rate = (np.array(one) for one in zip(*((p.effect, p.hits / p.data_sets) for p in own), strict=True))
             low, high = (np.array([getattr(end, side) for end in ends]) for side in ("low", "high"))
-            panels[name].append(PowerCurve(knob, *means, low, high))
+            panels[name].append(PowerCurve(knob, effect, rate, low, high))
     return panels
 
 
@@ -201,7 +237,11 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="use 4 data sets instead of 20")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--document", type=Path, help="page to update")
+    parser.add_argument("--redraw", action="store_true", help="only draw the figure of the page from its table")
     options = parser.parse_args()
+    if options.redraw and options.document is not None:
+        publish(power_figure(power_panels(points_in(options.document)), ALPHA), options.document, "audit-power")
+        return
     repetitions = options.repetitions or (4 if options.quick else 20)
     check_block(options.document, "audit-levels", "audit-power")
     with one_blas_thread():
@@ -225,7 +265,7 @@ def main() -> None:
     if options.document is not None and complete and sum(map(len, power.values())) == repetitions * len(points):
         for name, text in pages.items():
             write_block(options.document, name, text)
-        publish(power_figure(power_panels(power), ALPHA), options.document, "audit-power")
+        publish(power_figure(power_panels(points_of(power)), ALPHA), options.document, "audit-power")
 
 
 if __name__ == "__main__":

@@ -7,10 +7,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from solidtouch.analysis.page.figure_sizes import TWO_COLUMNS, new_figure
+from solidtouch.analysis.page.figure_sizes import TWO_COLUMNS, key, new_figure
 from solidtouch.analysis.page.figure_style import ACTIVE, DECIDED, OTHERS, TRUE, label_panel, styled
 
 _LOOK = {"what": (DECIDED, "o"), "where": (TRUE, "s"), "joint": (ACTIVE, "^")}
+_NAMES = {"what": "object", "where": "position", "joint": "object and position"}
 _LEAST, _MOST = 0.1, 100.0  # factors beyond are drawn at the end of the axis
 
 
@@ -37,34 +38,32 @@ class CalibrationPanel(NamedTuple):
 @styled
 def calibration_figure(panels: Sequence[CalibrationPanel], moments: Sequence[str]) -> Figure:
     """A column per filter: above the credible sets, below the factors at each moment."""
-    figure, axes = new_figure(TWO_COLUMNS, 4.4, 2, len(panels), sharey="row")
+    figure, axes = new_figure(TWO_COLUMNS, 4.4, 2, len(panels), sharey="row", whole=True)
     for i, panel in enumerate(panels):
         plot_spread(axes[0, i], panel)
         label_panel(axes[0, i], chr(ord("A") + i), panel.title)
         plot_factors(axes[1, i], panel, moments)
-    axes[0, 0].set_ylabel("holds the truth, less probability")
-    axes[1, 0].set_ylabel("wrong over 1 \N{MINUS SIGN} belief")
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
+    axes[0, 0].set_ylabel("fraction of sets with the truth\n− their probability")
+    axes[1, 0].set_ylabel("wrong decisions\n/ expected from beliefs")
+    key(figure, *axes[0, 0].get_legend_handles_labels())
     return figure
 
 
 def plot_spread(axes: Axes, panel: CalibrationPanel) -> Axes:
     """One line per quantity over the band."""
     axes.fill_between(
-        panel.z, panel.low, panel.high, color=OTHERS, alpha=0.35, linewidth=0, label="95% band where all is right"
+        panel.z, panel.low, panel.high, color=OTHERS, alpha=0.35, linewidth=0, label="95% band of a right filter"
     )
     axes.axhline(0, color=OTHERS, linewidth=0.6)
     for name, curve in panel.curves.items():
         colour, marker = _LOOK[name]
-        axes.plot(panel.z, curve, color=colour)
-        axes.plot([], [], color=colour, marker=marker, label=name)
+        axes.plot(panel.z, curve, color=colour, marker=marker, markevery=max(1, len(panel.z) // 8), label=_NAMES[name])
     axes.set_xlim(0, 1)
     axes.set_xticks([0, 0.5, 1], ["0", ".5", "1"])
     axes.set_yscale("symlog", linthresh=0.03, linscale=1.5)
     axes.set_yticks([-0.3, -0.03, 0, 0.03, 0.3], ["\N{MINUS SIGN}.3", "\N{MINUS SIGN}.03", "0", ".03", ".3"])
     axes.minorticks_off()
-    axes.set_xlabel("probability of credible set")
+    axes.set_xlabel("probability of the credible set")
     return axes
 
 

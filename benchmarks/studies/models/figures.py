@@ -84,7 +84,7 @@ def plot_ranks(axes: Axes, panel: RankPanel) -> Axes:
     for colour, (name, curve) in zip(_SPREAD, panel.curves.items(), strict=False):
         axes.plot(panel.z, curve, color=colour, label=name)
     axes.set_xlim(0, 1)
-    axes.legend(loc="center left", bbox_to_anchor=(1, 0.5), fontsize="small")
+    axes.legend(loc="center left", bbox_to_anchor=(1, 0.5), fontsize="small", handlelength=2.4)
     return axes
 
 

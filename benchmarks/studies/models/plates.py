@@ -24,9 +24,10 @@ from solidtouch.models.measurement import (
 from solidtouch.models.measurement.fits.priors import CellPrior, Taps
 
 L, M, N, J, K, B, D = 2, 1, 6, 4, 3, 7, 5
-_STEP, _GAP, _HALF = 1.2, 0.3, 0.62
-_WIDTH = 8.4  # of a panel, in steps
-_TOP, _BOTTOM = 2.6, 0.0
+_STEP, _GAP, _HALF = 2.35, 0.75, 1.35  # between circles, more between plates, and from a circle to a plate's edge
+_WIDTH = 15.4  # of a panel
+_TOP, _BOTTOM = 3.0, 0.0  # heights of parameters and samples
+_NEAR, _NAMES, _FAR = 0.5, 0.38, 1.7  # from a circle to the edge at its free side, its names, the edge beyond them
 _MARKER = 11.0  # points
 _ORDER = ("L", "M", "D", "pair", "tap", "J", "time", "K", "taxel")  # of plates in a label
 
@@ -47,7 +48,7 @@ class Story(NamedTuple):
 def plates(stories: Sequence[Story], columns: int = 2) -> Figure:
     """A panel per model: circles are variables, grey if observed, boxes the plates that their inside repeats over."""
     rows = -(-len(stories) // columns)
-    figure, axes = new_figure(TWO_COLUMNS, 1.7 * rows, rows, columns)
+    figure, axes = new_figure(TWO_COLUMNS, 1.9 * rows, rows, columns, whole=True)
     for panel, story in zip(axes.flat, stories, strict=False):
         plot_story(panel, story)
     for panel in list(axes.flat)[len(stories) :]:
@@ -56,7 +57,10 @@ def plates(stories: Sequence[Story], columns: int = 2) -> Figure:
 
 
 def plot_story(axes: Axes, story: Story) -> Axes:
-    """Parameters in a row above, boxed by their plates, the observed samples below."""
+    """Parameters in a row above, boxed by their plates, the observed samples below.
+
+    Names stand above parameters and below samples, and arrows run between: they cross no text.
+    """
     relations = story.relations
     groups = _groups(relations)
     place: dict[str, tuple[float, float]] = {}
@@ -70,9 +74,9 @@ def plot_story(axes: Axes, story: Story) -> Axes:
     for site in relations["observed"]:
         place[site] = (middle, _BOTTOM)
     for plate_set, sites in groups.items():
-        _box(axes, plate_set, [place[site] for site in sites], (_HALF, _HALF), (0.5, 1.95))
+        _box(axes, plate_set, [place[site] for site in sites], _HALF, 1)
     for site in relations["observed"]:
-        _box(axes, _plates_of(relations, site), [place[site]], (_HALF, 2.8 * _HALF), (0.6, 0.95))
+        _box(axes, _plates_of(relations, site), [place[site]], 1.5 * _HALF, -1)
     for site, parents in relations["sample_sample"].items():
         for parent in parents:
             _arrow(axes, place[parent], place[site])
@@ -80,12 +84,12 @@ def plot_story(axes: Axes, story: Story) -> Axes:
         colour = "0.8" if site in relations["observed"] else "white"
         axes.plot(at, height, "o", markersize=_MARKER, markerfacecolor=colour, markeredgecolor="black", zorder=3)
         label = f"{site}\n{relations['sample_dist'][site]}"
-        beside = {"xytext": (9, 0), "ha": "left", "va": "center"}
-        above = {"xytext": (0, 8), "ha": "center", "va": "bottom"}
-        where: dict[str, Any] = beside if site in relations["observed"] else above
-        axes.annotate(label, (at, height), textcoords="offset points", fontsize=5.5, zorder=4, **where)
+        side = -1 if site in relations["observed"] else 1
+        aligned: dict[str, Any] = {"ha": "center", "va": "bottom" if side > 0 else "top", "fontsize": "small"}
+        axes.text(at, height + side * _NAMES, label, zorder=4, linespacing=1.05, **aligned)
     axes.set_xlim(middle - _WIDTH / 2, middle + _WIDTH / 2)
-    axes.set_ylim(_BOTTOM - 0.7, _TOP + 2.1)
+    axes.set_ylim(_BOTTOM - _FAR - 0.1, _TOP + _FAR + 0.1)
+    axes.set_aspect("equal")
     axes.axis("off")
     axes.set_title(story.title, fontweight="bold")
     return axes
@@ -126,14 +130,14 @@ def _box(
     axes: Axes,
     plate_set: tuple[str, ...],
     places: list[tuple[float, float]],
-    sides: tuple[float, float],
-    heights: tuple[float, float],
+    reach: float,
+    side: int,
 ) -> None:
-    """A box around circles, reaching so far to the left and right, below and above them."""
+    """A box around circles, reaching so far to the left and right, with names and its label above (1) or below (-1)."""
     if not plate_set:
         return
-    left, right = min(x for x, _ in places) - sides[0], max(x for x, _ in places) + sides[1]
-    bottom, top = places[0][1] - heights[0], places[0][1] + heights[1]
+    left, right = min(x for x, _ in places) - reach, max(x for x, _ in places) + reach
+    bottom, top = sorted((places[0][1] - side * _NEAR, places[0][1] + side * _FAR))
     axes.add_patch(
         FancyBboxPatch(
             (left, bottom),
@@ -145,8 +149,9 @@ def _box(
             linewidth=0.8,
         )
     )
-    label = " x ".join(sorted(plate_set, key=_ORDER.index))
-    axes.annotate(label, (right - 0.06, top - 0.05), ha="right", va="top", fontsize=5.5, color="0.35")
+    label = "×".join(sorted(plate_set, key=_ORDER.index))
+    aligned: dict[str, Any] = {"ha": "right", "va": "top" if side > 0 else "bottom", "fontsize": "small"}
+    axes.text(right - 0.1, places[0][1] + side * (_FAR - 0.08), label, color="0.35", **aligned)
 
 
 def main() -> None:
