@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _PNG_DPI = 200
+_MOST_PIXELS = 2100
 _MADE: dict[str, dict[str, Any]] = {
     "svg": {"Date": None, "Creator": "solidtouch"},
     "pdf": {"CreationDate": None, "Creator": "solidtouch"},
@@ -163,8 +164,13 @@ def drawing_of(figure: Figure) -> Drawing:
         figure.set_layout_engine(None)  # with an engine a figure is drawn twice
     curves = curves_of(figure)  # before the SVG, in which they have ids
     file = BytesIO()
-    figure.savefig(file, format="svg", dpi=300, metadata=_MADE["svg"])
+    figure.savefig(file, format="svg", dpi=_raster_dpi(figure), metadata=_MADE["svg"])
     return Drawing(file.getvalue(), figure.get_figwidth(), partial(_pixels, figure), curves)
+
+
+def _raster_dpi(figure: Figure) -> float:
+    """Of pixels in vector formats: 300, or fewer where a figure would have more than are seen."""
+    return min(300.0, _MOST_PIXELS / figure.get_figwidth())
 
 
 @styled
@@ -221,7 +227,9 @@ def save_as(figure: Figure, path: Path, kind: str) -> None:
         if kind == "svg":
             temporary.write_bytes(drawing_of(figure).svg)
             return
-        figure.savefig(temporary, format=kind, dpi=_PNG_DPI if kind == "png" else 300, metadata=_MADE[kind])
+        figure.savefig(
+            temporary, format=kind, dpi=_PNG_DPI if kind == "png" else _raster_dpi(figure), metadata=_MADE[kind]
+        )
 
 
 def short(name: str, among: Iterable[str] = ()) -> str:

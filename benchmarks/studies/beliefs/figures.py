@@ -63,7 +63,7 @@ def plot_spread(axes: Axes, panel: CalibrationPanel) -> Axes:
     axes.set_yscale("symlog", linthresh=0.03, linscale=1.5)
     axes.set_yticks([-0.3, -0.03, 0, 0.03, 0.3], ["\N{MINUS SIGN}.3", "\N{MINUS SIGN}.03", "0", ".03", ".3"])
     axes.minorticks_off()
-    axes.set_xlabel("probability of the credible set")
+    axes.set_xlabel("probability of the set")
     return axes
 
 

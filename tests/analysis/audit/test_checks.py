@@ -174,35 +174,37 @@ def test_where_observed_values_lie_is_counted():
 
 
 @pytest.mark.parametrize("statistics", [1, 2, 5])
-def test_every_statistic_has_a_panel_that_holds_what_was_observed(statistics):
-    """Replicates that are all the same or zero are drawn as well, far values lie within the axes."""
+def test_every_statistic_has_a_row_that_holds_what_was_observed(statistics):
+    """Replicates that are all the same or zero are drawn as well, far values lie within the axes, as do numbers."""
     rng = np.random.default_rng(0)
     names = ["same", "usual", "zero", "tiny", "wide"][:statistics]
     values = {name: rng.normal(size=20) for name in names} | {"same": np.full(20, 3.0)}
     values |= {name: values[name] * scale for name, scale in (("zero", 0.0), ("tiny", 1e-7)) if name in values}
     observed = dict(zip(names, (1.0, 40.0, 0.0, 1.0, -0.5), strict=False))
-    figure = figure_checks(tree_of({name: [*values[name]] for name in names}, observed))
-    shown = [axes for axes in figure.axes if axes.get_visible()]
-
-    assert [axes.get_xlabel().split(" ")[0] for axes in shown] == names
-    assert len(figure.axes) == {1: 1, 2: 2, 5: 6}[statistics]
-    for axes, name in zip(shown, names, strict=True):
-        low, high = axes.get_xlim()
-        assert low < observed[name] < high
-        assert low <= values[name].min()
-        assert high >= values[name].max()
-        assert len(axes.lines) == 2
+    tree = tree_of({name: [*values[name]] for name in names}, observed)
+    figure = figure_checks(tree)
+    (axes,) = figure.axes
     figure.canvas.draw()
+    low, high = axes.get_xlim()
+    seen = [line.get_xdata()[0] for line in axes.lines if line.get_marker() in ("D", "o")]
+
+    assert [label.get_text().split(" ")[0] for label in axes.get_yticklabels()] == names
+    assert len(seen) == len(axes.texts) == statistics
+    assert all(low < value < high for value in seen)
+    assert seen[0] == -1e6
+    if statistics > 1:
+        z = (40.0 - values["usual"].mean()) / values["usual"].std(ddof=1)
+        assert seen[1] == pytest.approx(z)
+        assert axes.texts[1].get_text().startswith("40, replicates ")
 
 
-def test_histograms_of_replicates_stand_on_the_axis():
-    """Their outline begins and ends at 0."""
+def test_what_differs_looks_different():
+    """In colour and in mark: outside the replicates, and within."""
     values = np.random.default_rng(0).uniform(size=40)
-    (axes,) = figure_checks(tree_of({"share": [*values]}, {"share": 0.5})).axes
-    heights = np.asarray(axes.lines[0].get_ydata())
+    (axes,) = figure_checks(tree_of({"in": [*values], "out": [*values]}, {"in": 0.5, "out": 9.0})).axes
+    marks = [line.get_marker() for line in axes.lines if line.get_marker() in ("D", "o")]
 
-    assert heights[[0, -1]].tolist() == [0, 0]
-    assert heights.max() > 0
+    assert marks == ["o", "D"]
 
 
 def test_a_single_observed_one_is_no_warning():

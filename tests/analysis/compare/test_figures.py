@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from solidtouch.analysis.compare import figures as figure_compare
+from solidtouch.analysis.compare import figures_decisions
 from solidtouch.analysis.compare.classes import CALIBRATIONS
 from solidtouch.analysis.compare.classes import MEANS as SCORES
 from solidtouch.analysis.page.figure_sizes import new_figure
@@ -79,13 +80,13 @@ CASES = {
     "score differences": lambda: figure_compare.class_differences(scores(), class_grid()),
     "score differences, endless": lambda: figure_compare.class_differences(endless(), class_grid()),
     "score differences, one model": lambda: figure_compare.class_differences(scores(NAMES[:1]), class_grid()),
-    "curves": lambda: figure_compare.decision_curves(decisions(), class_grid()),
-    "curves, ten models": lambda: figure_compare.decision_curves(decisions(NAMES), class_grid()),
-    "curves, one threshold": lambda: figure_compare.decision_curves(decisions(values=(0.9,)), class_grid()),
-    "curves, passive": lambda: figure_compare.decision_curves(decisions(policies=("passive",)), class_grid(L=1)),
+    "curves": lambda: figures_decisions.decision_curves(decisions(), class_grid()),
+    "curves, ten models": lambda: figures_decisions.decision_curves(decisions(NAMES), class_grid()),
+    "curves, one threshold": lambda: figures_decisions.decision_curves(decisions(values=(0.9,)), class_grid()),
+    "curves, passive": lambda: figures_decisions.decision_curves(decisions(policies=("passive",)), class_grid(L=1)),
     "differences": lambda: figure_compare.decision_differences(equal(), class_grid()),
     "differences, no time": lambda: figure_compare.decision_differences(equal(values=()), class_grid()),
-    "miscalibration": lambda: figure_compare.miscalibration(decisions()),
+    "miscalibration": lambda: figures_decisions.miscalibration(decisions()),
 }
 
 
@@ -135,8 +136,8 @@ def test_eleven_models_look_different():
 
 def test_models_look_the_same_with_and_without_the_reference():
     """Differences leave it out, and colours stay."""
-    curves, differences = panels(drawn("curves"))[0], panels(drawn("differences"))[0]
-    colours = {line.get_label(): line.get_color() for line in curves.lines if line.get_label() in NAMES}
+    scores, differences = panels(drawn("scores"))[0], panels(drawn("differences"))[0]
+    colours = {bars.get_label(): bars.lines[0].get_color() for bars in scores.containers}
 
     assert list(colours) == NAMES[:3]
     assert {bars.get_label(): bars.lines[0].get_color() for bars in differences.containers} == {
@@ -238,39 +239,51 @@ def test_curves_pass_through_the_thresholds_and_are_linear_in_time():
     """Halfway between two thresholds in taps the line is halfway between their errors, and so is the band."""
     data = decisions()
     _, axes = new_figure(3, 3)
-    panel = figure_compare.plot_against_taps(axes[0, 0], data, "where_error", "active")
+    panel = figures_decisions.plot_errors(axes[0, 0], data, "where_error", NAMES[1])
     part = data.sel(model=NAMES[1], policy="active")
-    line = next(line for line in panel.lines if line.get_label() == NAMES[1])
+    line = next(line for line in panel.lines if line.get_label() == "active")
 
     np.testing.assert_allclose(line.get_xdata()[line.get_markevery()], part.taps)
     np.testing.assert_allclose(line.get_ydata()[line.get_markevery()], part.where_error)
     between = np.interp(line.get_xdata(), part.taps, part.where_error)
     np.testing.assert_allclose(line.get_ydata(), between)
     assert len(line.get_xdata()) > 100
-    assert len(panel.collections) == 3
-    assert (panel.get_title(), panel.get_ylabel(), panel.get_ylim()[0]) == ("active", "position error (mm)", 0.0)
+    assert len(panel.collections) == 2
+    assert panel.get_ylim()[0] == 0.0
+
+
+def test_the_reference_is_behind_every_other_model():
+    """In grey without a band, both policies; where it is the only model, it has a panel of its own."""
+    _, axes = new_figure(3, 3)
+    panel = figures_decisions.plot_errors(axes[0, 0], decisions(), "what_error", NAMES[2])
+    behind = {line.get_label(): line for line in panel.lines if line.get_color() == "#a8a8a8"}
+
+    assert list(behind) == [f"{NAMES[0]}, passive", f"{NAMES[0]}, active"]
+    assert len({line.get_linestyle() for line in behind.values()}) == 2
+    alone = figures_decisions.decision_curves(decisions(NAMES[:1]), class_grid())
+    assert [axes.get_title() for axes in panels(alone)] == [NAMES[0]] * 2
 
 
 def test_wide_bands_of_errors_do_not_flatten_the_lines():
-    """The axis of an error ends just above the largest of both policies, however wide the bands are."""
+    """The axis of an error ends just above the largest of all models, however wide the bands are."""
     data = decisions()
     data["where_error_high"][:] = 50.0
     data["what_error"][:] = 0.0
-    axes = panels(figure_compare.decision_curves(data, class_grid()))
+    axes = panels(figures_decisions.decision_curves(data, class_grid()))
 
     assert [panel.get_ylim()[1] for panel in axes[2:]] == pytest.approx([1.15 * float(data["where_error"].max())] * 2)
     assert axes[0].get_ylim()[1] > 0
 
 
-def test_decisions_have_a_row_per_error_and_a_column_per_policy():
-    """Where nothing moves or nothing is elsewhere, one of each."""
+def test_decisions_have_a_panel_for_each_error_and_model():
+    """Where nothing is elsewhere, one error; the label of an error stands left of its rows."""
     whole, passive = panels(drawn("curves")), panels(drawn("curves, passive"))
 
     assert [axes.get_title(loc="left") for axes in whole] == ["A", "B", "C", "D"]
-    assert [axes.get_title() for axes in whole] == ["passive", "active"] * 2
-    assert [axes.get_ylabel().split(" (")[0] for axes in whole] == ["object error"] * 2 + ["position error"] * 2
-    assert {axes.get_xlabel() for axes in whole} == {"mean reaction time (taps)"}
-    assert [(axes.get_title(), axes.get_ylabel()) for axes in passive] == [("passive", "object error (mm)")]
+    assert [axes.get_title() for axes in whole] == NAMES[1:3] * 2
+    assert [axes.get_ylabel().split(" (")[0] for axes in whole] == ["object error", "", "position error", ""]
+    assert drawn("curves").get_supxlabel() == "mean reaction time (taps)"
+    assert [axes.get_ylabel() for axes in passive] == ["object error (mm)", ""]
 
 
 def test_differences_are_dots_around_a_line_at_zero():
@@ -305,7 +318,10 @@ def test_miscalibration_has_a_line_where_beliefs_are_right():
 
     assert left.get_yscale() == right.get_yscale() == "log"
     assert set(left.lines[0].get_ydata()) == {1}
-    assert (left.get_xlabel(), left.get_ylabel()) == ("belief threshold", "P(wrong) / mean (1 − belief)")
+    assert (drawn("miscalibration").get_supxlabel(), left.get_ylabel()) == (
+        "belief threshold",
+        "wrong / mean (1 − belief)",
+    )
 
 
 def test_tick_labels_have_room():
