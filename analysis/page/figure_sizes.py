@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from textwrap import fill
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,6 @@ from ...models.errors import InputError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.axis import Axis
     from matplotlib.figure import Figure, SubFigure
 
 ONE_COLUMN = 3.4  # inches
@@ -227,16 +226,16 @@ def _filled(text: str, width: int) -> str:
     return "\n".join(fill(line, max(width, _SHORTEST)) for line in text.split("\n"))
 
 
-def _fix_ticks(axis: Axis) -> None:
+def _fix_ticks(axis: Any) -> None:
     """Sets sizes that ticks would take from settings when they are drawn, which may be later."""
     import matplotlib as mpl  # noqa: PLC0415
 
-    name = f"{axis.axis_name}tick"
+    name, settings = f"{axis.axis_name}tick", cast("dict[str, Any]", mpl.rcParams)
     for rank in ("major", "minor"):
         given = axis.get_tick_params(rank)
-        own: dict[str, Any] = {size: mpl.rcParams[f"{name}.{rank}.{size}"] for size in ("size", "width", "pad")}
+        own: dict[str, Any] = {size: settings[f"{name}.{rank}.{size}"] for size in ("size", "width", "pad")}
         own["length"] = own.pop("size")
-        own["labelsize"] = mpl.rcParams[f"{name}.labelsize"]
+        own["labelsize"] = settings[f"{name}.labelsize"]
         axis.set_tick_params(which=rank, **{key: value for key, value in own.items() if key not in given})
 
 

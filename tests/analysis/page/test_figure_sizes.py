@@ -15,11 +15,11 @@ def three(**options):
     """Three panels with one label for their common axis and a key below."""
     figure, axes = new_figure(7.0, 2.3, 1, 3, sharey=True, **options)
     for letter, panel in zip("ABC", axes[0], strict=True):
-        line = panel.plot([0, 1], [0, 1], linewidth=1.0, label=f"a line of panel {letter}")[0]
+        panel.plot([0, 1], [0, 1], linewidth=1.0, label=f"a line of panel {letter}")
         panel.set_xlabel("a quantity that has a very long name (mm)")
         label_panel(panel, letter, "a title")
     axes[0, 0].set_ylabel("error (mm)")
-    key(figure, [line] * 4, ["one", "two", "three", "a much longer name than all of the others"])
+    key(figure, [*axes[0, 0].lines] * 4, ["one", "two", "three", "a much longer name than all of the others"])
     return figure
 
 
