@@ -3,25 +3,22 @@
 import json
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import Any
 
 import xarray as xr
 
 from ...models.grid import ClassGrid
 from . import figures, figures_decisions, figures_taps
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
-
-def stored_figures(groups: Mapping[str, xr.Dataset]) -> dict[str, Callable[[], "Figure | None"]]:
+def stored_figures(groups: Mapping[str, xr.Dataset]) -> dict[str, Callable[[], Any]]:
     """Functions that draw the figures, by name.
 
     Args:
         groups: Of the file, by path; that of the root is "/".
     """
     grid = ClassGrid.from_dict(json.loads(groups["/"].attrs["grid"]))
-    found: dict[str, Callable[[], Figure | None]] = {}
+    found: dict[str, Callable[[], Any]] = {}
     for name, group in groups.items():
         if name.endswith("s_left_out") and name != "taps_left_out":
             found[name.removesuffix("_left_out")] = partial(figures_taps.groups_left_out, group)

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Callable, Mapping
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import Any
 
 import xarray as xr
 
@@ -12,14 +12,11 @@ from ..page.figure_confusion import confusion
 from ..page.figure_episodes import BeliefCase, beliefs, trajectories
 from .figures import acuity_of, contacts, errors_by_fixation, errors_by_position
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 CASES = "clear", "ambiguous"
 NOT_STORED = {"fig3": "it shows recorded taps, which the file does not hold"}
 
 
-def stored_figures(groups: Mapping[str, xr.Dataset]) -> dict[str, Callable[[], "Figure | None"]]:
+def stored_figures(groups: Mapping[str, xr.Dataset]) -> dict[str, Callable[[], Any]]:
     """Functions that draw the figures, by name.
 
     Args:
@@ -28,7 +25,7 @@ def stored_figures(groups: Mapping[str, xr.Dataset]) -> dict[str, Callable[[], "
     about = groups["/"].attrs
     grid = ClassGrid.from_dict(json.loads(about["grid"]))
     clear, ambiguous = (_case(groups[f"examples/{name}"]) for name in CASES)
-    found: dict[str, Callable[[], Figure | None]] = {"fig4": partial(beliefs, clear, ambiguous, grid)}
+    found: dict[str, Callable[[], Any]] = {"fig4": partial(beliefs, clear, ambiguous, grid)}
     if "active/by_fixation" in groups:
         found["fig5_passive"] = partial(errors_by_position, groups["passive/by_position"])
         found["fig5_active"] = partial(errors_by_fixation, groups["active/by_fixation"])
