@@ -171,7 +171,7 @@ def test_remedies_share_rows_with_the_setting_as_it_is_on_top():
     assert error.get_xlabel() == "change of object error (mm)\nat 8.25 taps on average"
     dots = [(line.get_xdata()[0], line.get_color()) for line in gain.lines if line.get_marker() in ("o", "s")]
     assert dots == [(0, ACTIVE), (0.2, TRUE), (-0.2, DECIDED), (0.02, "#707070")]
-    dots = [(line.get_xdata()[0], line.get_color()) for line in error.lines if line.get_marker() == "o"]
+    dots = [(line.get_xdata()[0], line.get_color()) for line in error.lines if line.get_marker() in ("o", "s")]
     assert dots == [(0, ACTIVE), (-0.5, TRUE), (0.5, DECIDED)]
     assert [text.get_text() for text in error.texts] == ["not known"]
     assert [text.get_text() for text in factor.texts] == ["no decision"]
