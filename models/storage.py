@@ -23,6 +23,7 @@ from .io.own_netcdf import read_own, size_of
 from .io.untrusted import check_size, in_bytes, is_sealed, read_first, seal
 
 if TYPE_CHECKING:
+    import h5py
     import xarray as xr
     from numpy.typing import DTypeLike, NDArray
 
