@@ -53,6 +53,7 @@ def gallery(known: dict[str, str]) -> str:
             f":alt: {picture.caption}",
             "",
             f"**[{picture.heading}]({known[picture.page]})** {picture.caption}.",
+            "",
             f"`{drawn_by[picture.name]}`",
             ":::",
             "",
