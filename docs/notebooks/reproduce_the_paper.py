@@ -11,7 +11,7 @@ import matplotlib.pyplot as plt
 import solidtouch as st
 
 report = st.reproduce(data_sets=4, trials=300, seed=0)
-at = report.decisions.sel(theta=0.95)
+at = report.decisions.sel(theta=0.95, drop=True)
 print(at[["what_error", "what_error_low", "what_error_high", "where_error", "taps"]].to_dataframe().round(2))
 
 # %% [markdown]
