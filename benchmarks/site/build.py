@@ -9,6 +9,7 @@ import os
 import sys
 from argparse import ArgumentParser
 from pathlib import Path
+from shutil import rmtree
 
 from sphinx.cmd.build import build_main
 
@@ -55,7 +56,10 @@ def build(out: Path, work: Path, *, notebooks: bool = True) -> int:
     given = [word for name, value in options.items() for word in ("-D", f"{name}={value}")]
     trees = work / (TREES if notebooks else f"{TREES}-plain")
     words = ["-b", "html", "-q", "-W", "--keep-going", "-j", "auto", "-c", str(ROOT / "benchmarks" / "site")]
-    return build_main([*words, *given, "-d", str(trees), str(work / STAGED), str(out)])
+    code = build_main([*words, *given, "-d", str(trees), str(work / STAGED), str(out)])
+    if code:
+        rmtree(trees, ignore_errors=True)  # Sphinx warns of a page when it reads it, so the next build reads all again
+    return code
 
 
 def _set_kernels(folder: Path) -> None:
