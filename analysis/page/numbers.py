@@ -5,10 +5,12 @@ import platform
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from numbers import Integral, Real
-from typing import Any, TypeGuard
+from typing import TYPE_CHECKING, Any, TypeGuard
 
-from ..experiment.crosscheck import CrossCheck
 from .page import Table
+
+if TYPE_CHECKING:
+    from ..experiment.crosscheck import CrossCheck
 
 _MISSING = "–"
 _MOST_FACTOR = 99.0
@@ -177,7 +179,7 @@ def versions(packages: Sequence[str]) -> dict[str, str]:
     return {"python": platform.python_version()} | {name: version(name) for name in packages}
 
 
-def crosscheck_table(check: CrossCheck) -> Table:
+def crosscheck_table(check: "CrossCheck") -> Table:
     """The largest differences between independent ways of computing the same."""
     rows = [
         [row.quantity, row.routes, number(row.largest), number(row.allowed), "passed" if row.passed else "FAILED"]
