@@ -20,6 +20,7 @@ from .figure_style import drawn, save
 from .page import Page, Picture, Section, blocks_of, brief, spans
 
 _IMAGE_BYTES = 1_900_000  # of all figures together; base64 adds a third, and a page has less than 3 MB
+_TOLD_PANELS, _TOLD_SERIES = 6, 3
 _ELEMENTS = {"": Markup("{0}"), "strong": Markup("<strong>{0}</strong>"), "code": Markup("<code>{0}</code>")}
 _LINK = Markup('<a href="{1}">{0}</a>')
 
@@ -31,11 +32,13 @@ class Image(NamedTuple):
         data: Its file as a data URI.
         width: In CSS pixels, 96 per inch.
         curves: What is read off and switched off on the page, as JSON; empty without curves.
+        words: What its panels show, after title and caption, for who cannot see them.
     """
 
     data: str
     width: int
     curves: str = ""
+    words: str = ""
 
 
 def write_page(
@@ -68,7 +71,9 @@ def draw_pictures(
             if drawing is not None:
                 files = save(drawing, folder, picture.name, _IMAGE_BYTES // len(pictures))
                 image = embedded(files, round(96 * drawing.inches))
-                images[picture.name] = image._replace(curves=_as_json(drawing.curves if picture.curves else ()))
+                images[picture.name] = image._replace(
+                    curves=_as_json(drawing.curves if picture.curves else ()), words=in_words(drawing.curves)
+                )
         except InputError:  # of the folder
             raise
         except Exception as error:  # a figure must not cost the results
@@ -113,6 +118,24 @@ def _template(page: Page) -> Template:
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.filters.update(kind=lambda block: type(block).__name__, marked=partial(_marked, ids=ids - {""}))
     return environment.from_string(_file("page.html"))
+
+
+def in_words(panels: Sequence[CurvePanel]) -> str:
+    """Axes of panels, and where their first curves begin and end; as much as is listened to."""
+    told = [f"Panel {panel.title}: {panel.y} against {panel.x}; {_series(panel)}." for panel in panels[:_TOLD_PANELS]]
+    more = len(panels) - len(told)
+    return " ".join([*told, *([f"{more} more panels."] if more > 0 else [])])
+
+
+def _series(panel: CurvePanel) -> str:
+    """Ends of some curves, each with its value."""
+    ends = (
+        f"{one.label} from {one.points[0][3]} at {one.points[0][2]} to {one.points[-1][3]} at {one.points[-1][2]}"
+        if len(one.points) > 1
+        else f"{one.label} {one.points[0][3]} at {one.points[0][2]}"
+        for one in panel.series[:_TOLD_SERIES]
+    )
+    return ", ".join(ends)
 
 
 def _as_json(curves: Sequence[CurvePanel]) -> str:

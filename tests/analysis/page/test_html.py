@@ -9,6 +9,8 @@ import pytest
 from matplotlib.figure import Figure
 from solidtouch.analysis.page import html
 from solidtouch.analysis.page import page as pages
+from solidtouch.analysis.page.figure_sizes import new_figure
+from solidtouch.analysis.page.figure_style import label_panel, styled
 from solidtouch.analysis.page.html import (
     Image,
     draw_pictures,
@@ -207,6 +209,26 @@ def test_pixels_are_written_where_drawings_are_too_large(tmp_path, monkeypatch):
     assert {path.name for path in tmp_path.iterdir()} == {"fig1.svg", "fig1.png"}
     assert (tmp_path / "fig1.png").read_bytes().startswith(b"\x89PNG")
     assert images["fig1"].data.startswith("data:image/")
+
+
+def test_a_text_says_what_a_figure_shows(tmp_path):
+    """Axes with their units, and where curves begin and end; the words stand in the page."""
+
+    @styled
+    def draw():
+        figure, axes = new_figure(3, 2)
+        axes[0, 0].plot([1, 4], [2.5, 0.5], label="active")
+        axes[0, 0].set(xlabel="taps", ylabel="object error (mm)")
+        label_panel(axes[0, 0], "A")
+        return figure
+
+    picture = Picture("fig", "Errors", "Against taps.", draw)
+    images = draw_pictures(tmp_path, [picture], lambda _: None)
+    words = "Panel A: object error (mm) against taps; active from 2.5 at 1 to 0.5 at 4."
+    page = html.render_page(Page("t", [picture], []), images)
+
+    assert images["fig"].words == words
+    assert f'alt="Errors. Against taps. {words}"' in page
 
 
 def test_the_examples_of_the_docstrings_hold():
