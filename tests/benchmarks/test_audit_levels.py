@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.testing import assert_array_equal
 
+from benchmarks.page import write_block
 from benchmarks.studies.audit import bounds, drift, levels
 
 
@@ -27,13 +28,31 @@ def test_the_figure_has_a_curve_for_every_knob():
     """Each panel draws the rate at every value of a knob against the effect there, and the point without any."""
     outcomes = [levels.Outcome([0.1] * 3, [1.0, 0.0, 1.0, 0.0, 1.0], [0.0] * 3, [0.2, 0.1, 0.0, 0.3, 1.0, 1.0])] * 2
     points = [(levels.NOTHING, 0.0), *((knob, value) for knob, values in levels.KNOBS.items() for value in values)]
-    panels = levels.power_panels(dict.fromkeys(points, outcomes))
+    panels = levels.power_panels(levels.points_of(dict.fromkeys(points, outcomes)))
     assert list(panels) == list(levels.EFFECTS)
     for curves, rate in zip(panels.values(), (1.0, 0.0, 1.0, 0.0), strict=True):
         assert [len(curve.rate) for curve in curves] == [1 + len(values) for values in levels.KNOBS.values()]
         assert all((curve.rate == rate).all() and (curve.low <= curve.high).all() for curve in curves)
     figure = levels.power_figure(panels, levels.ALPHA)
     assert len(figure.axes) == len(levels.EFFECTS)
+
+
+def test_the_figure_is_redrawn_from_the_table_of_the_page(tmp_path):
+    """The table holds what the figure shows, with three digits."""
+    outcomes = [
+        levels.Outcome([0.1] * 3, [float(hit), 0.0, 1.0, 0.0, 1.0], [0.0] * 3, [0.25, -0.0012, 0.0, 0.3, 1.0, 1.0])
+        for hit in (0, 1, 1, 1)
+    ]
+    found = {(levels.NOTHING, 0.0): outcomes, ("tap_depth_log_sd", 0.01): outcomes}
+    page = tmp_path / "page.md"
+    page.write_text("<!-- begin audit-power -->\n<!-- end audit-power -->\n")
+    write_block(page, "audit-power", levels.power_page(found))
+
+    read, played = levels.points_in(page), levels.points_of(found)
+    assert [knob for knob, _ in read] == [knob for knob, _ in played] == ["none", "tap_depth_log_sd"]
+    for (_, ours), (_, theirs) in zip(read, played, strict=True):
+        assert [(point.hits, point.data_sets) for point in ours] == [(point.hits, 4) for point in theirs]
+        np.testing.assert_allclose([p.effect for p in ours], [p.effect for p in theirs], atol=6e-4)
 
 
 def test_a_drift_of_each_taxel_is_found_by_whole_taps_only():
