@@ -25,6 +25,7 @@ _LOOKS: dict[str, dict[str, Any]] = {
     "active": {"color": ACTIVE, "marker": "o", "linestyle": "-", "markersize": 2.8},
 }
 _BEHIND: dict[str, Any] = {"color": "#a8a8a8", "linewidth": 1.8, "zorder": 1}
+_BETWEEN = 50  # points of a line that is bent on its axis, besides the thresholds
 _ROOM = 1.15  # times the largest error, where the axis of errors ends
 _FACTOR_ROOM = 3.0  # likewise of factors, on both sides
 
@@ -83,7 +84,7 @@ def plot_errors(axes: Axes, curves: xr.Dataset, name: str, model: str) -> Axes:
     for policy, own, look in _lines(curves, model):
         part = curves.sel(policy=policy, model=own).sortby("theta")
         times = part["taps"].values
-        between = np.unique(np.concatenate([times, np.geomspace(times[0], times[-1], 200)[1:-1]]))
+        between = np.unique(np.concatenate([times, np.geomspace(times[0], times[-1], _BETWEEN)[1:-1]]))
         nodes = np.searchsorted(between, times).tolist()
         names = (name, f"{name}_low", f"{name}_high")
         dense = xr.Dataset({key: ("taps", np.interp(between, times, part[key].values)) for key in names})
