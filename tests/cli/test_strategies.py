@@ -76,7 +76,7 @@ def test_regret_can_be_had_alone(call, tmp_path, monkeypatch, sketched):
     summary = json.loads((out / "strategies.json").read_text())
     assert (summary["sources"], summary["regret"]["trials"], summary["regret"]["seed"]) == ([], 20, 3)
     assert {path.name for path in out.iterdir()} == {"regret.svg", "report.html", "strategies.json"}
-    assert 'id="regret"' in (out / "report.html").read_text()
+    assert 'id="figure-regret"' in (out / "report.html").read_text()
 
 
 @pytest.mark.slow

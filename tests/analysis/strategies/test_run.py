@@ -241,7 +241,7 @@ def test_the_folder_holds_page_numbers_and_figures(summary, tmp_path):
     assert names == {*(f"{name}.svg" for name in drawn), "report.html", "strategies.json"}
     assert json.loads((tmp_path / "out" / "strategies.json").read_text()) == json.loads(json.dumps(summary))
     page = (tmp_path / "out" / "report.html").read_text()
-    assert all(f'id="{name}"' in page for name in drawn)
+    assert all(f'id="figure-{name}"' in page for name in drawn)
 
 
 def test_figures_show_every_strategy(summary):
