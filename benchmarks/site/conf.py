@@ -29,6 +29,9 @@ html_theme_options = {
 html_sidebars = {"gallery": [], "index": []}
 copyright = f"{author}, Apache-2.0"  # noqa: A001 - the name that Sphinx reads
 
+smartquotes = False  # they make one dash of the two before an option
+highlight_language = "none"
+
 myst_enable_extensions = ["colon_fence", "deflist"]
 myst_heading_anchors = 6
 nb_custom_formats = {".py": "benchmarks.site.notebook.read"}
