@@ -72,7 +72,8 @@ def _method(summary: Row) -> Iterator[Block]:
     yield Verbatim(summary["command"])
     yield (
         f"Taps: mean log probability of a tap’s bins under its own class, for left-out {summary['unit']}s, integrated "
-        "over the posterior, at power 1. Classes: mean log belief in the true (position, object) class. Decisions: "
+        "over the posterior (by plug-in parameters for all models if one has no posterior), at power 1. Classes: mean "
+        "log belief in the true (position, object) class. Decisions: "
         "mean object error at the longest mean reaction time reached by all models or, if there is none, by most. "
         "Adjacent ranks may be ties; see the intervals."
     )

@@ -10,6 +10,8 @@ from ..page.numbers import number, spanned
 from ..page.page import Row
 from .run import Comparison
 
+_ALIKE = 1e-9
+
 
 class Criterion(NamedTuple):
     """One way to rank models.
@@ -53,8 +55,10 @@ def levels(comparison: Comparison) -> list[Criterion]:
     found = []
     means = comparison.left_out_groups
     if means is not None and "integrated" in means:
-        said = f"predicts the taps of a left-out {means.attrs['unit']} best"
-        found.append(_level("taps", said, "nat per tap", True, means, "integrated"))
+        said, score = f"predicts the taps of a left-out {means.attrs['unit']} best", "integrated"
+        if point_fits(means):  # an integral over a posterior predicts better than a point does
+            said, score = f"{said}, by plug-in parameters", "plug_in"
+        found.append(_level("taps", said, "nat per tap", True, means, score))
     contacts = comparison.classes["contacts"].values
     for n in dict.fromkeys((int(contacts[0]), int(contacts[-1]))):
         title = f"class after {n} tap{'s' * (n > 1)}"
@@ -71,6 +75,14 @@ def levels(comparison: Comparison) -> list[Criterion]:
         said = f"has the lowest {policy} object error at a mean reaction time of {number_of}"
         found.append(_level(title, said, "" if unit == "P(wrong)" else unit, False, at, "what_error"))
     return [level for level in found if level.values]
+
+
+def point_fits(means: xr.Dataset) -> list[str]:
+    """Models whose posterior is a single point, as after a fit of most probable values: both scores are equal."""
+    if "integrated" not in means:
+        return []
+    alike = np.isclose(means["integrated"], means["plug_in"], rtol=_ALIKE, atol=0.0)
+    return [str(name) for name in means["model"].values[alike]]
 
 
 def rank_rows(levels: Sequence[Criterion], names: Sequence[str]) -> list[Row]:

@@ -19,7 +19,7 @@ from ..page.page import Row
 from ..stats.decisions import decision_interval_sentence, too_few_taps
 from ..stats.no_class_left import no_class_left_sentence
 from .classes import class_interval_sentence
-from .ranking import findings, levels, rank_rows
+from .ranking import findings, levels, point_fits, rank_rows
 from .run import CompareSettings, Comparison
 
 _PACKAGES = ("solidtouch", "numpy", "scipy", "jax", "numpyro", "arviz", "arviz-stats", "xarray", "matplotlib")
@@ -70,6 +70,7 @@ def summarise(comparison: Comparison, settings: CompareSettings, described: Row)
             *_no_class_left(comparison),
             *_alone(names),
             *_measures(comparison),
+            *_points(comparison.left_out_groups),
             *comparison.missing,
             *(warning for fit in comparison.fits.values() if (warning := fit.convergence.warning)),
         ],
@@ -160,6 +161,18 @@ def _measures(comparison: Comparison) -> list[str]:
     return [
         f"{told}; the other models give probabilities of bins. Scores of taps compare them only as far as densities "
         "are flat within a bin; classes and decisions are compared in any case."
+    ]
+
+
+def _points(means: xr.Dataset | None) -> list[str]:
+    """A warning where some models have a posterior to integrate over and others none."""
+    points = [] if means is None else point_fits(means)
+    if means is None or len(points) in {0, means.sizes["model"]}:
+        return []
+    have = "has" if len(points) == 1 else "have"
+    return [
+        f"{', '.join(points)} {have} a single value for each parameter and no posterior, so all models are ranked by "
+        "plug-in parameters; integrated scores favour models with a posterior."
     ]
 
 

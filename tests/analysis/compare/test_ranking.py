@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import xarray as xr
-from solidtouch.analysis.compare.ranking import Criterion, findings, levels, rank_rows
+from solidtouch.analysis.compare.ranking import Criterion, findings, levels, point_fits, rank_rows
 
 
 def level(title: str, values: dict[str, float], *, larger: bool = True) -> Criterion:
@@ -73,6 +73,35 @@ def test_missing_levels_are_left_out(levels):
     assert len(findings(levels, "a")) == len(levels)
 
 
+def compared(scores: dict, equal: xr.Dataset, means: xr.Dataset | None = None) -> SimpleNamespace:
+    """What is ranked of a comparison of the models a and b."""
+    classes = xr.Dataset(scores, {"model": ["a", "b"], "contacts": [1]})
+    grid = SimpleNamespace(what_error_unit="mm")
+    return SimpleNamespace(left_out_groups=means, missing=[], classes=classes, grid=grid, equal=equal)
+
+
+@pytest.mark.parametrize(("integrated", "by"), [([-8.0, -11.0], "integrated"), ([-8.0, -10.0], "plug_in")])
+def test_a_model_without_a_posterior_is_compared_by_points(integrated, by):
+    """An integral over a posterior predicts better than a point, so it is no merit of the model that has one."""
+    values = {"integrated": integrated, "plug_in": [-12.0, -10.0]}
+    ends = {"": 0.0, "_difference_low": -1.0, "_difference_high": 1.0}
+    means = xr.Dataset(
+        {
+            f"{name}{end}": ("model", np.add(value, more))
+            for name, value in values.items()
+            for end, more in ends.items()
+        },
+        {"model": ["a", "b"]},
+        {"unit": "session"},
+    )
+    nothing = {f"log_score_joint{end}": (("model", "contacts"), np.full((2, 1), np.nan)) for end in ends}
+    (taps,) = levels(compared(nothing, xr.Dataset(coords={"policy": [], "model": ["a", "b"]}), means))
+
+    assert taps.values == dict(zip("ab", values[by], strict=True))
+    assert ("plug-in" in taps.said) == (by == "plug_in")
+    assert point_fits(means) == ["b"] * (by == "plug_in")
+
+
 def test_errors_are_ranked_at_the_longest_time_that_most_models_reach():
     """Not at the shortest, where all have hardly learned, nor at one that a single model reaches."""
     error = np.array([[0.6, 0.5, 0.3, 0.2], [0.5, 0.4, 0.1, np.nan]])
@@ -83,12 +112,6 @@ def test_errors_are_ranked_at_the_longest_time_that_most_models_reach():
         f"log_score_joint{end}": (("model", "contacts"), error[:, :1])
         for end in ("", "_difference_low", "_difference_high")
     }
-    comparison = SimpleNamespace(
-        left_out_groups=None,
-        missing=[],
-        classes=xr.Dataset(scores, {"model": ["a", "b"], "contacts": [1]}),
-        grid=SimpleNamespace(what_error_unit="mm"),
-        equal=xr.Dataset(errors, coords),
-    )
+    comparison = compared(scores, xr.Dataset(errors, coords))
     assert levels(comparison)[-1].title == "active object error at 5 taps"
     assert levels(comparison)[-1].values == {"a": 0.3, "b": 0.1}
