@@ -112,7 +112,7 @@ def test_a_command_interrupted_before_it_begins_says_so(module, tmp_path):
 
 
 def test_an_interrupt_before_a_command_is_found_says_so(monkeypatch, capsys):
-    def interrupted():
+    def interrupted(**_):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(main, "_command", lambda: interrupted)
