@@ -68,7 +68,7 @@ def test_stacks_of_all_threads_are_counted_by_processor_time(tmp_path):
     assert sum(everything.values()) >= busy(everything)
     assert 0 <= everything[EXIT,] < 0.1
     assert busy(inside) == pytest.approx(0.1, abs=0.05)
-    assert sum(inside.values()) == pytest.approx(busy(inside), abs=0.05)
+    assert busy(inside) <= sum(inside.values()) < busy(inside) + 0.1
 
 
 @pytest.mark.parametrize(
