@@ -57,17 +57,20 @@ def test_a_command_that_fails_ends_the_measurement(tmp_path):
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the processor times of threads are read from /proc")
 def test_stacks_of_all_threads_are_counted_by_processor_time(tmp_path):
-    """All of them, or those that run while the main thread is in a function."""
+    """All of them, or those that run while the main thread is in a function.
+
+    What a thread spends after its last sample is lost, which on a busy machine may be most of its 0.1 s.
+    """
     (tmp_path / "program.py").write_text(BUSY, encoding="utf-8")
     everything, inside = (stacks([sys.executable, "program.py"], tmp_path, name) for name in ("", "program.py:wait"))
 
     def busy(counted):
         return functions(counted, r"program\.py:busy$").popitem()[1]
 
-    assert busy(everything) == pytest.approx(0.2, abs=0.05)
+    assert 0.1 < busy(everything) < 0.25
     assert sum(everything.values()) >= busy(everything)
     assert 0 <= everything[EXIT,] < 0.1
-    assert busy(inside) == pytest.approx(0.1, abs=0.05)
+    assert 0 < busy(inside) < 0.15
     assert busy(inside) <= sum(inside.values()) < busy(inside) + 0.1
 
 
