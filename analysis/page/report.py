@@ -130,10 +130,10 @@ class StudyReport(Report):
         Raises:
             InputError: The folder cannot be written, or there is no such style.
         """
-        page = self.page
         with drawn_as(style), complete_folder(folder, force) as temporary:
             if is_drawn_for_pages():
-                draw_ahead(picture.draw for picture in page.pictures)
+                draw_ahead(picture.draw for picture in self.pictures)
+            page = self.page
             self._write_more(temporary)
             images = draw_pictures(temporary, page.pictures, progress("Drawing figures", len(page.pictures)))
             write_page(temporary, page, self.summary, self.SUMMARY, images)

@@ -61,7 +61,7 @@ def pictures(request: Request, results: Results) -> Iterator[Picture]:
         "Beliefs in single sequences",
         "Belief in each class against the number of taps in a clear (A) and an ambiguous (B) passive sequence; grey: "
         "all other classes.",
-        lambda: beliefs(*results.cases, results.grid),
+        partial(beliefs, *results.cases, results.grid),
     )
     yield from _active_pictures(request, results)
     yield _acuity(results)
@@ -116,12 +116,14 @@ def _active_pictures(request: Request, results: Results) -> Iterator[Picture]:
         partial(errors_by_fixation, results.by_fixation),
         curves=True,
     )
+    if results.paths is None:
+        return
     yield Picture(
         "fig6",
         "Trajectories",
         f"Position against taps in {TRAJECTORIES} passive (A) and active (B) trials at threshold "
         f"{theta:g}; the fixation point is {results.grid.where_label(results.fixation)}.",
-        lambda: None if results.paths is None else trajectories(*results.paths, results.grid, results.fixation),
+        partial(trajectories, *results.paths, results.grid, results.fixation),
     )
 
 
