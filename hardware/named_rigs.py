@@ -20,7 +20,7 @@ from ..models.io.rig_recording import TapLabel
 from ..models.preprocessing import Preprocessing
 from ..models.seeds import Purpose, generator
 from ..models.settings import Missing
-from ..models.taps import TapSet
+from ..models.taps import RIG_UNIT, TapSet
 from .journal import Journal, NoJournal
 from .replay import ReplayRig
 from .rig.open_rig import connected, unconnected
@@ -129,11 +129,13 @@ class PlaceableRig(NamedTuple):
         name: Printable name.
         place: Places the sensor at an object; takes the number of the episode, counted from 0.
         taxel_mm: Places of the taxels in mm, shape (K, 2) or (K, 3), or `None`.
+        units: Unit of the samples; empty if it is not known.
     """
 
     name: str
     place: Callable[[int], Placed]
     taxel_mm: ArrayLike | None = None
+    units: str = ""
 
 
 type ChosenRig = Callable[[bool, Journal | None], AbstractContextManager[PlaceableRig]]
@@ -271,7 +273,7 @@ def _simulated(rig: str, grid: ClassGrid, wish: Wish) -> PlaceableRig:
         sensor = SimulatedRig(settings, finger, _SESSION, start_mm, what, episode, noise_seed=wish.seed)
         return Placed(sensor, lambda: Truth(names[what], sensor.position_mm))
 
-    return PlaceableRig(f"simulated rig, preset {name}", place, taxel_positions_mm(settings.taxels))
+    return PlaceableRig(f"simulated rig, preset {name}", place, taxel_positions_mm(settings.taxels), RIG_UNIT)
 
 
 def _replayed(
@@ -303,7 +305,7 @@ def _replayed(
         sensor = ReplayRig(taps, whole, start, what, chance, session=session)
         return Placed(sensor, lambda: Truth(names[what], float(grid.where_value[sensor.where_index])))
 
-    return PlaceableRig(f"taps of {Path(path).name}", place, taps.taxel_mm)
+    return PlaceableRig(f"taps of {Path(path).name}", place, taps.taxel_mm, taps.units)
 
 
 def _checked(rig: str, grid: ClassGrid, wish: Wish) -> RigFile:
@@ -345,7 +347,7 @@ def _real(
                 labelled.what = None if what is None else table.index(what)
                 return Placed(labelled, lambda: Truth(what, sensor.place_mm))
 
-            yield PlaceableRig(settings.name, place, settings.sensor.positions_mm or None)
+            yield PlaceableRig(settings.name, place, settings.sensor.positions_mm or None, RIG_UNIT)
 
 
 def _object(sensor: Rig, grid: ClassGrid, wish: Wish, episode: int) -> str | None:

@@ -113,6 +113,11 @@ class ReplayRig:
         return self._step
 
     @property
+    def units(self) -> str:
+        """Unit of the samples; empty where the recording has none."""
+        return self._taps.units
+
+    @property
     def taxel_mm(self) -> NDArray[np.float64] | None:
         """Places of the taxels in mm, shape (K, 2) or (K, 3), or `None` where the recording has none."""
         return self._taps.taxel_mm

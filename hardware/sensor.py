@@ -18,8 +18,8 @@ class TouchSensor(Protocol):
     """A sensor that taps an object and moves along it in steps of one position.
 
     Moves are counted in positions, not millimetres, so that the shift of the belief (Eq. 9) and the motor command are
-    the same integer. The rig converts it to millimetres. A sensor may have an attribute `taxel_mm`, the places of its
-    taxels in mm, shape (K, 2) or (K, 3), for pictures of the fingertip.
+    the same integer. The rig converts it to millimetres. A sensor may have two attributes for pictures: `taxel_mm`, the
+    places of its taxels in mm, shape (K, 2) or (K, 3), and `units`, the unit of its samples as text.
     """
 
     @property

@@ -79,12 +79,14 @@ class EpisodeSetup(NamedTuple):
         theta: Threshold on the what belief; 1 of another rule or none.
         fixation: Index of the fixation point, or `None`.
         taxel_mm: Places of the taxels in mm, shape (K, 2) or (K, 3), or `None` where the sensor has no `taxel_mm`.
+        units: Unit of the samples; empty where the sensor has no `units`.
     """
 
     model: TapModel
     theta: float
     fixation: int | None
     taxel_mm: NDArray[np.float64] | None
+    units: str = ""
 
 
 class Episode(NamedTuple):
@@ -164,7 +166,8 @@ def perceive(
     made = steps(sensor, engine, stop, move, deadline, chance=chance, watch=watch)
     theta = 1.0 if callable(stop) else float(stop)
     places, point = getattr(sensor, "taxel_mm", None), getattr(move, "fixation_index", None)
-    return collect(made)._replace(setup=EpisodeSetup(engine.model, theta, point, places))
+    setup = EpisodeSetup(engine.model, theta, point, places, getattr(sensor, "units", ""))
+    return collect(made)._replace(setup=setup)
 
 
 def steps(

@@ -52,6 +52,8 @@ from .storage import check_netcdf_name, check_writable, complete_file, read_grou
 from .tap_checks import RESERVED, check_shapes, check_values
 
 FORMAT = 1
+RIG_UNIT = "counts"
+"""Unit of the samples of rigs, simulated ones included."""
 _ROUNDING = 1e-6  # in cells
 _MOST_CELLS = 1e6
 
@@ -265,6 +267,11 @@ class TapSet:
     def trial(self) -> NDArray[np.int64]:
         """Number of each tap as recorded, shape (N,)."""
         return self.dataset["trial"].values
+
+    @property
+    def units(self) -> str:
+        """Unit of the samples; empty if it is not known."""
+        return printable(str(self.dataset["taps"].attrs.get("units", "")))
 
     @property
     def taxel_mm(self) -> NDArray[np.float64] | None:

@@ -51,6 +51,7 @@ class EpisodeHeader(msgspec.Struct, frozen=True, kw_only=True):
         taxel_mm: Places of the taxels in a plane, K pairs in mm, or `None`.
         flagged: P-value below which a tap is unusual.
         seed: Random seed of the episodes, or `None`.
+        reading_unit: Unit of the samples; empty if it is not known, and in older files.
     """
 
     heading: str
@@ -73,6 +74,7 @@ class EpisodeHeader(msgspec.Struct, frozen=True, kw_only=True):
     taxel_mm: list[tuple[float, float]] | None
     flagged: float
     seed: int | None
+    reading_unit: str = ""
 
 
 class TapRecord(msgspec.Struct, frozen=True, kw_only=True):
@@ -139,6 +141,7 @@ def header_of(
     deadline: int | None = None,
     taxel_mm: ArrayLike | None = None,
     seed: int | None = None,
+    reading_unit: str = "",
 ) -> EpisodeHeader:
     """Header of episodes; the arguments are named as in `EpisodeHeader`, and a threshold of 1 is none."""
     return EpisodeHeader(
@@ -162,6 +165,7 @@ def header_of(
         taxel_mm=None if taxel_mm is None else _in_a_plane(taxel_mm, taxels),
         flagged=FLAGGED,
         seed=seed,
+        reading_unit=reading_unit,
     )
 
 

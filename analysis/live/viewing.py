@@ -136,6 +136,7 @@ def recorded_episodes(episodes: Sequence[Episode], heading: str = "", truths: Se
         rule=rule,
         fixation=setup.fixation,
         taxel_mm=setup.taxel_mm,
+        reading_unit=setup.units,
     )
     taps = [list(_seen(episode, header.heading)) for episode in episodes]
     known = truths or [Truth(None, None)] * len(taps)

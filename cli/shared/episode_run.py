@@ -97,6 +97,7 @@ class EpisodeRun:
             fixation=self._moves.fixation,
             deadline=self._deadline,
             taxel_mm=source.taxel_mm,
+            reading_unit=source.units,
             seed=self._seed,
         )
         shown.start(header)

@@ -70,8 +70,7 @@ print(model)
 # ## Perceive
 #
 # With `--json` each tap is an object on one line: the belief, the evidence, and the move that follows.
-# Without it the terminal shows a picture that is redrawn after each tap, and `--view` [a page in the
-# browser](../how-to/perceiving.md#watching-in-a-browser); `--save-episode` keeps the episode for `solidtouch view`.
+# Without it the terminal shows a picture that is redrawn after each tap. `--save-episode` keeps the episode for below.
 
 # %%
 words = [
@@ -88,6 +87,13 @@ words = [
 taps = [json.loads(line) for line in run("perceive", "model.nc", *words).splitlines()]
 *taps, end = taps
 print({key: end[key] for key in ("decision", "where", "reason", "taps", "right")})
+
+# %% [markdown]
+# `--view` shows each tap at once on [a page in the browser](../how-to/perceiving.md#watching-in-a-browser), and `solidtouch
+# view episode.json` later. Here it is as part of this notebook; the space bar plays it.
+
+# %%
+st.view(work / "episode.json", browser=False)
 
 # %%
 emulator.terminate()

@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from ...models.errors import InputError, check_numbers
 from ...models.preprocessing import Preprocessing
+from ...models.taps import RIG_UNIT
 from ..sensor import clipped_move
 from .physics import taxel_positions_mm
 from .session import TapStream
@@ -71,6 +72,11 @@ class SimulatedRig:
     def step(self) -> float:
         """Length of a step in mm."""
         return self.settings.cell_mm
+
+    @property
+    def units(self) -> str:
+        """Unit of the samples."""
+        return RIG_UNIT
 
     @property
     def taxel_mm(self) -> NDArray[np.float64]:

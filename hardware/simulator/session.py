@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...models.cutting.tap_cutter import TapCutter
 from ...models.errors import check_count
 from ...models.seeds import Purpose, seed_sequence
-from ...models.taps import TapSet
+from ...models.taps import RIG_UNIT, TapSet
 from .physics import peak_depth_mm, press_profile, taxel_indentation_mm, taxel_positions_mm
 from .settings import RigSettings, settings_of
 from .signal_chain import SignalChain, session_nuisances
@@ -94,7 +94,7 @@ def cut_session(settings: RigSettings, seed: int, session: int, counts: NDArray[
         session=np.full(M * n, session),
         trial=np.tile(np.arange(n), M),
         taxel_position=taxel_positions_mm(settings.taxels),
-        units="counts",
+        units=RIG_UNIT,
         sensor="simulated fingertip (no real sensor)",
         source=f"simulated: {settings.describe()}, seed {seed}, session {session}",
         licence="none needed: simulated data",

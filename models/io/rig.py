@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..cutting.tap_cutter import TapCutter
 from ..errors import InputError
 from ..preprocessing import Preprocessing
-from ..taps import TapSet
+from ..taps import RIG_UNIT, TapSet
 from .recording import naming
 from .rig_reader import Entry, RecordingReader
 from .rig_recording import About, Event, Frame, Press, Tap, TapLabel
@@ -178,7 +178,7 @@ def _labelled_set(recorded: RigTaps) -> TapSet:
         session=np.array([label.session for label in labels]),
         trial=np.array([label.trial for label in labels]),
         taxel_position=np.reshape(positions, (K, -1)) if positions else None,
-        units="counts",
+        units=RIG_UNIT,
         sensor=about.sensor,
         source=_source(recorded),
     )

@@ -57,6 +57,7 @@ def test_a_file_of_episodes_equals_the_json_line_by_line(command, model, tmp_pat
     assert header.heading == "simulated rig, preset paper, engine numpy"
     assert (header.theta, header.rule, header.fixation, header.deadline, header.seed) == (0.95, "", 7, 100, 4)
     assert (header.samples, header.taxels, header.rate_hz, len(header.taxel_mm)) == (50, 12, 50.0, 12)
+    assert header.reading_unit == "counts"
     again = command("perceive", model, *BASE, "--save-episode", file)
     assert (again.code, "already exists" in again.err) == (2, True)
 
@@ -70,12 +71,13 @@ def test_rules_without_a_threshold_have_none(command, model, tmp_path, options, 
     assert (load_episodes(file).header.theta, load_episodes(file).header.rule) == (theta, rule)
 
 
-def test_a_recording_is_replayed_with_the_places_of_its_taxels(command, model, tmp_path):
+def test_a_recording_is_replayed_with_the_places_and_the_unit_of_its_taxels(command, model, tmp_path):
     simulate_session(preset("paper"), 4, 1).save(tmp_path / "taps.nc")
     base = ("perceive", model, *BASE, "--rig", f"replay:{tmp_path / 'taps.nc'}", "--save-episode")
 
     assert command(*base, tmp_path / "e.json").code == 0
-    assert len(load_episodes(tmp_path / "e.json").header.taxel_mm) == 12
+    header = load_episodes(tmp_path / "e.json").header
+    assert (len(header.taxel_mm), header.reading_unit) == (12, "counts")
 
 
 def test_a_page_that_nobody_opens_ends_with_the_command(command, model):

@@ -19,13 +19,13 @@ export function drawBelief(canvas, header, tap, theme) {
   drawNames(context, box, header.what_name, tap, theme);
   drawWhat(context, { ...box, left: box.left + box.width + 12, width: what - 44 }, header, tap, theme);
   drawWhere(context, box, header, tap, theme);
-  const labels = [[0, "0"], [Math.sqrt(0.1), "0.1"], [Math.sqrt(0.5), "0.5"], [1, "1"]];
+  const labels = [0, 10, 50, 100].map((percent) => [beliefScale(percent / 100), String(percent)]);
   if (box.width > 130) {
-    const bar = Math.min(140, box.width - 40);
-    colourBar(context, box.left + 38, 3, bar, viridisColour, labels, theme);
+    const bar = Math.min(140, box.width - 68);
+    colourBar(context, box.left + 62, 3, bar, viridisColour, labels, theme);
     context.textAlign = "left";
     context.fillStyle = theme.ink;
-    context.fillText("belief", box.left, 8);
+    context.fillText("belief (%)", box.left, 8);
   }
 }
 

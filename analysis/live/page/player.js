@@ -132,7 +132,8 @@ export function createPlayer(root, { live = false, autoplay = false, wide = fals
     parts.belief.canvas.setAttribute("aria-label", `Belief in objects and positions. ${tap.sentence}`);
     if (parts.numbers.open) tabulate(parts.table, header, tap);
     Object.assign(root.dataset, { tap: tap.tap, episode: tap.episode });
-    root.toggleAttribute("data-decided", Boolean(end));
+    if (end) root.dataset.decided = end.right === null ? "" : end.right ? "right" : "wrong";
+    else delete root.dataset.decided;
     shownAt[at] ??= Date.now();
   }
 
@@ -310,7 +311,7 @@ function build(root, { stop, act }) {
   words.setAttribute("aria-live", "polite");
   const panels = element("div", "st-panels");
   for (const [name, title] of [
-    ["belief", "Belief over object and position (%)"], ["course", "Finger and path"], ["tip", "Fingertip"],
+    ["belief", "Belief over object and position"], ["course", "Finger and path"], ["tip", "Fingertip"],
     ["traces", "Readings of the tap"], ["evidence", "Evidence and p-value of each tap"],
   ]) {
     const canvas = element("canvas"), note = element("p", "st-note");

@@ -1,6 +1,6 @@
 // The last tap: traces of its taxels, and a picture of the fingertip coloured by their peaks.
 
-import { inkOn, viridis, viridisColour } from "./colours.js";
+import { inkOn, lineColour, lineRgb } from "./colours.js";
 import { axes, brief, colourBar, fontSize, stroke, surface } from "./canvas.js";
 
 const MOST_TRACES = 300, NUMBERED = 64;
@@ -40,14 +40,14 @@ export function drawTraces(canvas, header, tap, range, theme) {
   const from = before ? "time from contact" : "time";
   const { x, y } = axes(context, [58, 8, width - 10, height - 36], span, [range[0] - pad, range[1] + pad], theme, {
     xLabel: rate ? `${from} (s)` : "sample",
-    yLabel: "reading (unit of the sensor)",
+    yLabel: `reading (${header.reading_unit || "unit of the sensor"})`,
     whole: !rate,
   });
   const peaks = peaksOf(tap.readings);
   const order = Array.from(peaks.keys()).sort((a, b) => Math.abs(peaks[a]) - Math.abs(peaks[b])).slice(-MOST_TRACES);
   context.lineWidth = order.length > 40 ? 0.7 : 1.5;
   for (const k of order) {
-    context.strokeStyle = viridisColour(level(peaks[k], range));
+    context.strokeStyle = lineColour(level(peaks[k], range), theme);
     context.fillStyle = context.strokeStyle;
     context.beginPath();
     tap.readings.forEach((row, j) => context[j ? "lineTo" : "moveTo"](x(time(j)), y(row[k])));
@@ -100,14 +100,14 @@ export function drawTip(canvas, header, tap, range, theme) {
   if (known) scaleBar(context, width, unit, theme);
   const bar = Math.min(150, width - 60), left = known ? 30 : (width - bar) / 2;
   const labels = range[1] > range[0] ? [[0, brief(range[0], 3)], [1, brief(range[1], 3)]] : [[0.5, brief(range[0], 3)]];
-  colourBar(context, left, 190, Math.min(bar, known ? width / 2 - 20 : bar), viridisColour, labels, theme);
+  colourBar(context, left, 190, Math.min(bar, known ? width / 2 - 20 : bar), (at) => lineColour(at, theme), labels, theme);
   return known
     ? "Peak reading of each taxel, at its place."
     : "Peak reading of each taxel. Places are not known: row by row on a hexagonal grid.";
 }
 
 function drawTaxel(context, x, y, radius, value, k, count, theme) {
-  context.fillStyle = viridisColour(value);
+  context.fillStyle = lineColour(value, theme);
   context.beginPath();
   context.arc(x, y, radius, 0, 2 * Math.PI);
   context.fill();
@@ -119,7 +119,7 @@ function drawTaxel(context, x, y, radius, value, k, count, theme) {
   if (count > NUMBERED || radius < 7) return;
   fontSize(context, 10);
   context.textAlign = "center";
-  context.fillStyle = inkOn(viridis(value));
+  context.fillStyle = inkOn(lineRgb(value, theme));
   context.fillText(String(k), x, y + 0.5);
 }
 

@@ -254,6 +254,58 @@ def test_a_pause_lets_taps_come_and_play_catches_up(page, server, episodes):
     until(page, "player.at === 5")
 
 
+END_COLOURS = """((right) => {
+  player.end({ ...player.episodes.get(2).end, right });
+  player.draw();
+  const colour = (name) => {
+    const probe = document.createElement('p');
+    probe.style.color = `var(--st-${name})`;
+    document.querySelector('.st-player').append(probe);
+    return [getComputedStyle(probe).color, probe.remove()][0];
+  };
+  const edge = getComputedStyle(document.querySelector('.st-words')).borderLeftColor;
+  return ['true', 'wrong', 'mark', 'ink', 'bar'].filter((name) => colour(name) === edge);
+})(...arguments)"""
+
+
+def test_right_and_wrong_ends_have_colours_of_their_own(page, episodes):
+    """Neither is that of the threshold; an end that nobody can judge has the colour of text."""
+    with saved(page, episodes):
+        press(page, "PageDown", "End")
+        ends = {right: ask(page, END_COLOURS, right) for right in (True, False, None)}
+
+    assert ends == {True: ["true"], False: ["wrong"], None: ["ink"]}
+
+
+def test_panels_of_a_row_end_at_one_height(page, episodes):
+    """Belief and finger; fingertip, readings and evidence."""
+    with saved(page, episodes):
+        until(page, "player.shownAt[0] !== undefined")
+        bottoms = page.execute_script(
+            "return [...document.querySelectorAll('.st-panel')].map((one) => one.getBoundingClientRect().bottom)"
+        )
+
+    assert bottoms == [bottoms[0]] * 2 + [bottoms[2]] * 3
+
+
+CONTRASTS = """(async (done) => {
+  const { lineRgb, themeOf } = await import(new URL('colours.js', location));
+  const theme = themeOf(document.querySelector('.st-player'));
+  const light = (rgb) => rgb.map((v) => (v / 255 <= 0.04045 ? v / 3294.6 : ((v / 255 + 0.055) / 1.055) ** 2.4))
+    .reduce((sum, v, i) => sum + v * [0.2126, 0.7152, 0.0722][i], 0.05);
+  const card = light(theme.card.match(/[0-9.]+/g).map(Number));
+  const ratio = (value) => { const line = light(lineRgb(value, theme)); return Math.max(line / card, card / line); };
+  done(Math.min(...Array.from({ length: 101 }, (_, i) => ratio(i / 100))));
+})(...arguments)"""
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_every_curve_stands_out_from_its_ground(page, episodes, scheme):
+    resize(page, 1600, 1000, scheme)
+    with saved(page, episodes):
+        assert page.execute_async_script(CONTRASTS) > 2.3
+
+
 def test_names_are_text(page, episodes):
     """Markup in the name of an object is shown, not run; in an embedded page it ends no script."""
     with saved(page, episodes):

@@ -49,9 +49,19 @@ def test_an_episode_keeps_its_samples_and_what_it_was_made_with(made):
     np.testing.assert_allclose(decided.taps[-1].belief, np.exp(episode.log_beliefs[-1]), atol=1e-9)
 
 
-def test_a_rig_tells_where_its_taxels_are():
+def test_a_rig_tells_where_its_taxels_are_and_their_unit():
     rig = st.SimulatedRig("paper", seed=4, session=1, position_mm=2.3, what=1)
     assert rig.taxel_mm.shape == (12, 3)
+    assert rig.units == "counts"
+
+
+def test_readings_have_the_unit_of_the_sensor(made):
+    """If it tells one."""
+    _, play = made
+    episode = play()
+    for units in ("", "kPa"):
+        shown = viewing.recorded_episodes([episode._replace(setup=episode.setup._replace(units=units))])
+        assert shown.header.reading_unit == units
 
 
 def test_several_episodes_and_files_are_shown(made, tmp_path):
