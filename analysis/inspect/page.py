@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ...models.errors import counted
-from ..page.page import Brief, Cautions, Page, Table
+from ..page.page import Brief, Cautions, Page, Section, Table
 from .run import Inspection
 
 ANSWERS = "What can these data show?"
@@ -13,10 +13,11 @@ _ROWS, _COLUMNS = 40, 8  # a larger grid of cells is condensed to its smallest, 
 
 
 def inspection_page(inspection: Inspection, title: str = "") -> Page:
-    """Sizes and ranges, taps per cell, the warnings, then what the data can show."""
+    """What the data can show, and the warnings; then sizes and ranges, and taps per cell."""
     overview = Table((), [*overview_lines(inspection)], title, words={1})
     found = Cautions(inspection.warnings) if inspection.warnings else "No data-quality warnings."
-    return Page(title, [Brief(overview), Brief(_counts(inspection)), Brief(found), Brief(_answers(inspection))], [])
+    sizes = Section("Sizes and ranges", [Brief(overview), Brief(_counts(inspection))])
+    return Page(title, [Brief(_answers(inspection)), Brief(found)], [sizes])
 
 
 def _answers(inspection: Inspection) -> Table:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
+from itertools import pairwise
 from textwrap import fill
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
 
@@ -198,14 +199,16 @@ def key(figure: Any, handles: Sequence[Any], labels: Sequence[str] = (), *, abov
     """
     labels = list(labels) or [str(handle.get_label()) for handle in handles]
     lengths, room, n = [len(label) + _HANDLE for label in labels], characters(figure), len(labels)
-    wanted = (columns for columns in range(n, 0, -1) if _widths(lengths, -(-n // columns)) <= room)
+    wanted = (columns for columns in range(n, 0, -1) if _key_width(lengths, columns) <= room)
     place = "outside upper center" if above else "outside lower center"
     return figure.legend(handles, labels, loc=place, ncols=next(wanted, 1), **options)
 
 
-def _widths(lengths: Sequence[int], rows: int) -> int:
-    """Characters of columns of so many rows each."""
-    return sum(max(lengths[i : i + rows]) for i in range(0, len(lengths), rows))
+def _key_width(lengths: Sequence[int], columns: int) -> int:
+    """Characters of so many columns, the first of which have one entry more where they are uneven, as in matplotlib."""
+    rows, longer = divmod(len(lengths), columns)
+    starts = [i * rows + min(i, longer) for i in range(columns + 1)]
+    return sum(max(lengths[start:end]) for start, end in pairwise(starts))
 
 
 def _wrap(figure: Any) -> None:

@@ -52,7 +52,7 @@ def _answer(summary: ReproductionSummary) -> Iterator[Block]:
     rows += [[f"paper, {name}", *map(number, errors), "–"] for name, errors in _paper_errors(summary)]
     sized = [column for column, size in ((1, "M"), (2, "L")) if summary["grid"][size] > 1]
     caption = f"At threshold {number(headline['theta'], 10)}, on stored taps, with 95% intervals"
-    caption += "; of the paper the lowest errors" * bool(summary["paper"])
+    caption += "; rows of the paper: its lowest errors" * bool(summary["paper"])
     table = Table(["perception", *_heads(summary)], rows, caption)
     yield SideBySide([note, Brief(table, columns=(0, *sized, 3))])
 

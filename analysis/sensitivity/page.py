@@ -24,7 +24,9 @@ def sensitivity_page(summary: Row) -> Page:
     ]
     versions = ", ".join(f"{name} {version}" for name, version in summary["versions"].items())
     made = f"{summary['trials']} trials of each data set, policy and option; seed {summary['seed']}. {versions}."
-    rules = Section("Method and rules of the verdicts", [*method, *summary["rules"], made], "rules")
+    rules = Section(
+        "Method, rules of the verdicts and provenance", [*method, *summary["rules"], made], "rules", folded=True
+    )
     return Page(summary["title"], [], [*sections, rules])
 
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from functools import partial
 
 from ..page.numbers import factor_of, in_brackets, interval, number, percent
-from ..page.page import Block, Brief, Note, Page, Picture, Row, Section, Table, Terms, Verbatim
+from ..page.page import Block, Brief, Listing, Note, Page, Picture, Row, Section, Table, Terms, Verbatim
 from . import figures
 from .figures_regret import regret
 from .figures_trust import trust
@@ -27,7 +27,7 @@ def strategies_page(summary: Row) -> Page:
         sections.append(Section("Overconfident models", [*_trust(summary)], "trust-section"))
     if summary["regret"]:
         sections.append(Section("Regret", [*_regret(summary["regret"])], "regret-section"))
-    sections.append(Section("Method", [*_rules(summary)], "rules"))
+    sections.append(Section("Method and provenance", [*_rules(summary)], "rules", folded=True))
     first, *others = summary["findings"]
     more = Section("Findings on other data, overconfidence and regret", [*map(Brief, others)], folded=True)
     return Page(summary["title"], [Brief(Note([f"**{first}**"])), more], sections)
@@ -38,7 +38,7 @@ def _source(i: int, source: Row, theta: float) -> Iterator[Block]:
     first, name = source["powers"][0], source["name"]
     error = f"object error ({source['what_unit']})"
     unit = in_brackets(source["where_unit"])
-    yield from (Brief(sentence) for sentence in source["findings"])
+    yield Brief(Listing(source["findings"]))
     yield Picture(
         f"curves-{i}",
         f"Error against taps and travel: {name}",
@@ -71,7 +71,7 @@ def _source(i: int, source: Row, theta: float) -> Iterator[Block]:
             for row in first["equal"][family]
         ]
         tables[family] = Table(heads, rows, caption, dense=True)
-    yield Brief(tables[FIXED], columns=(0, 1, 2, 3))
+    yield Section("After equal numbers of taps", [Brief(tables[FIXED], columns=(0, 1, 2, 3))], folded=True)
     equal = Picture(
         f"equal-taps-{i}",
         f"Strategies at equal taps: {name}",

@@ -9,7 +9,7 @@ from ...inference.trials.tally import Tally
 from ...models.grid import ClassGrid
 from ..page.figure_style import axis_label, unit_name
 from ..page.numbers import bounded
-from ..page.page import Brief, Page, Table
+from ..page.page import Brief, Cautions, Page, Table
 from ..stats.tallied import tally_means
 from .spread import SPREAD, TapSpread
 
@@ -51,8 +51,10 @@ def tally_page(
         if spread:
             rows.append(["", "fresh", *_cells(shown, fresh, fresh_intervals, h)])
     title = f"{tally.trials:,} {what_for}"
-    legend = " ".join(filter(None, (_LEGEND, spread.sentence, spread.few))) if spread else _LEGEND
-    return Page(title, [Brief(Table(["theta", "draws", *shown.values()], rows, title)), Brief(legend)], [])
+    legend = " ".join((_LEGEND, spread.sentence)) if spread else _LEGEND
+    found = Table(["theta", "draws", *shown.values()], rows, title)
+    cautions = Cautions([spread.few] if spread and spread.few else [])
+    return Page(title, [Brief(found), Brief(cautions), Brief(legend)], [])
 
 
 def _cells(

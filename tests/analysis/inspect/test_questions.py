@@ -30,7 +30,8 @@ def answers_of(taps, **cells):
 def lines_of(inspection):
     """Lines of the answers in a terminal of 80 columns."""
     lines = [line.rstrip() for line in as_text(inspection_page(inspection, "a.nc"), 80).splitlines()]
-    return [line for line in lines[lines.index(ANSWERS) :] if line]
+    after = next(i for i, line in enumerate(lines) if line.startswith(("Warning: ", "No data-quality warnings.")))
+    return [line for line in lines[lines.index(ANSWERS) : after] if line]
 
 
 def told(taps, **cells):

@@ -23,6 +23,19 @@ def three(**options):
     return figure
 
 
+@pytest.mark.parametrize("n", range(1, 13))
+def test_a_key_of_any_number_of_names_fits_its_figure(n):
+    """Also where its columns are uneven, as those of nine models are."""
+    names = ["histogram", "gaussian", "student", "profile", "profile-ar", "profile-mvn", "matrix-normal", "smooth"]
+    figure, axes = styled(new_figure)(7.0, 2.3, 1, 1)
+    (line,) = axes[0, 0].plot([0, 1])
+    box = styled(key)(figure, [line] * n, [names[i % 8] for i in range(n)], handlelength=2.6)
+    figure.draw_without_rendering()
+
+    assert box.get_tightbbox().x0 >= 0
+    assert box.get_tightbbox().x1 <= figure.bbox.x1
+
+
 @pytest.mark.parametrize("style", STYLES)
 def test_a_style_has_its_width_and_type(style):
     """No text is smaller than a sixth below the type of the style, and none reaches beyond the figure."""
