@@ -3,6 +3,7 @@
 from typing import Any, NamedTuple
 
 from ...hardware.named_rigs import Truth
+from ...models.grid import ClassGrid
 from .view import Seen
 
 
@@ -65,10 +66,15 @@ def said(episode: int, ending: Ending) -> str:
     taps = f"{seen.step.number} tap{'s' * (seen.step.number > 1)}"
     at = "" if ending.answer is None or ending.reason == "unknown" else f" at {seen.where_label}"
     answer = f"Episode {episode}: {ending.answer or 'no decision'}{at} after {taps} ({ending.reason})."
-    unit = seen.grid.where_label(0).partition(" ")[2]
-    places = [] if truth.where is None else [f"{truth.where:.4g} {unit}".strip()]
-    known = [truth.what] if truth.what else []
-    return f"{answer} Truth: {' at '.join([*known, *places])}." if known or places else answer
+    known = [*filter(None, [truth.what]), *([] if truth.where is None else [_place(seen.grid, truth.where)])]
+    return f"{answer} Truth: {' at '.join(known)}." if known else answer
+
+
+def _place(grid: ClassGrid, where: float) -> str:
+    """A position with its unit, also between two classes; in a plane it is the number of a place."""
+    if grid.where_place is not None:
+        return grid.where_label(int(grid.where_index(where)))
+    return f"{where:.4g} {grid.where_label(0).partition(' ')[2]}".strip()
 
 
 def end_record(episode: int, ending: Ending) -> dict[str, Any]:

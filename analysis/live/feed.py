@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING
 
 from .ending import Ending
 from .saved import (
+    EndRecord,
     EpisodeHeader,
     Episodes,
+    TapRecord,
     encoded,
     encoded_file,
     ending_record,
@@ -45,18 +47,21 @@ class EpisodeFeed:
 
     def tap(self, episode: int, seen: Seen) -> None:
         """Takes a tap; `episode` counts from 1."""
-        self._pass_on("tap", encoded(tap_record(episode, seen)), self._taps)
+        self._pass_on("tap", lambda: tap_record(episode, seen), self._taps)
 
     def end(self, episode: int, ending: Ending) -> None:
         """Takes the end of an episode."""
-        self._pass_on("end", encoded(ending_record(episode, ending)), self._ends)
+        self._pass_on("end", lambda: ending_record(episode, ending), self._ends)
 
     @property
     def content(self) -> bytes:
         """The file of all episodes so far."""
         return encoded_file(self._header, self._taps, self._ends)
 
-    def _pass_on(self, kind: str, data: bytes, kept: list[bytes]) -> None:
+    def _pass_on(self, kind: str, made: Callable[[], TapRecord | EndRecord], kept: list[bytes]) -> None:
+        if self._server is None and not self._keep:
+            return  # nobody watches, and a large belief takes milliseconds
+        data = encoded(made())
         if self._server is not None:
             self._server.publish(kind, data)
         if self._keep:
@@ -100,8 +105,12 @@ def serve_saved(episodes: Episodes, port: int = 0) -> "PageServer":
 
 
 def open_page(url: str) -> bool:
-    """Opens a page in the browser, without waiting for it; returns whether there is a display to do so."""
-    graphical = sys.platform in ("win32", "darwin") or any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY")))
-    if graphical:
-        threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
-    return graphical
+    """Opens a page in the browser, without waiting for it; returns whether there are a display and a browser."""
+    if sys.platform not in ("win32", "darwin") and not any(map(os.environ.get, ("DISPLAY", "WAYLAND_DISPLAY"))):
+        return False
+    try:
+        webbrowser.get()
+    except webbrowser.Error:
+        return False
+    threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
+    return True

@@ -7,7 +7,7 @@ describes the file.
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
@@ -25,6 +25,8 @@ FORMAT, VERSION = "solidtouch episodes", 1
 _DIGITS = 7  # significant ones of a sample, those of single precision
 _DECIMALS = 9  # of a belief, as in `view.record`
 _EXACT = 22  # the highest power of ten that is exact in double precision
+
+type _Positive = Annotated[int, msgspec.Meta(ge=1)]
 
 
 class EpisodeHeader(msgspec.Struct, frozen=True, kw_only=True):
@@ -67,8 +69,8 @@ class EpisodeHeader(msgspec.Struct, frozen=True, kw_only=True):
     rule: str
     fixation: int | None
     deadline: int | None
-    samples: int
-    taxels: int
+    samples: _Positive
+    taxels: _Positive
     rate_hz: float | None
     pre_samples: int
     taxel_mm: list[tuple[float, float]] | None
@@ -86,8 +88,8 @@ class TapRecord(msgspec.Struct, frozen=True, kw_only=True):
         readings: Samples of the tap, J rows of K.
     """
 
-    episode: int
-    tap: int
+    episode: _Positive
+    tap: _Positive
     what: str
     what_belief: float
     where: float

@@ -4,10 +4,12 @@ The picture is a heat map of the joint belief with its marginals beside it. Colo
 told apart by the colour-blind; percentages stand in the cells, so it can be read without colour too.
 """
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from rich.cells import cell_len
 from rich.color import Color
 from rich.console import Group
 from rich.style import Style
@@ -16,6 +18,8 @@ from rich.text import Text
 from ...inference.episode import Step
 from ...inference.novelty import FLAGGED
 from ...models.grid import ClassGrid
+from ..page.figure_style import unit_name
+from ..page.numbers import in_brackets
 
 # Nine colours of matplotlib's viridis, from low to high.
 _COLOURS = np.array(
@@ -111,7 +115,7 @@ def picture(seen: Seen, width: int = 100, rows: int = 20) -> Group:
     """
     grid = seen.grid
     belief, names = _fewer_rows(np.exp(seen.step.log_belief).T, list(grid.what_name), rows)
-    side = min(max(map(len, [*names, "where"])), _LONGEST_NAME) + 1
+    side = _side(names)
     columns = max(1, (width - side - _TOTAL) // _CELL)
     per_column = -(-grid.L // columns)
     starts = np.arange(0, grid.L, per_column)
@@ -122,17 +126,20 @@ def picture(seen: Seen, width: int = 100, rows: int = 20) -> Group:
     lines += _where_rows(shown.sum(axis=0), side)
     if seen.fixation is not None:
         lines.append(Text(" " * (side + _CELL * (seen.fixation // per_column) + 2) + "▲ fixation point", no_wrap=True))
-    unit = grid.axis_unit.split(",", maxsplit=1)[0] or "no unit"
     share = "" if per_column == 1 else f", {per_column} classes each, the first named"
-    legend = f"Belief in percent, · below 0.5; columns: position ({unit}){share}."
+    legend = f"Belief in percent, · below 0.5; columns: position{in_brackets(unit_name(grid.axis_unit))}{share}."
     head = [Text(seen.heading, style="bold")] if seen.heading else []
     return Group(*head, *lines, Text(legend, style="italic"), *_words(seen))
 
 
 def fitting_width(grid: ClassGrid) -> int:
     """Characters that a line needs for each where class to have its own column, and the sentences to be read."""
-    side = min(max(map(len, [*grid.what_name, "where"])), _LONGEST_NAME) + 1
-    return max(_NARROWEST, side + _CELL * grid.L + _TOTAL + _BAR)
+    return max(_NARROWEST, _side(grid.what_name) + _CELL * grid.L + _TOTAL + _BAR)
+
+
+def _side(names: Sequence[str]) -> int:
+    """Characters of the column of names and the space behind it; some letters are two wide."""
+    return min(max(map(cell_len, [*names, "where"])), _LONGEST_NAME) + 1
 
 
 def _fewer_rows(belief: NDArray[np.float64], names: list[str], rows: int) -> tuple[NDArray[np.float64], list[str]]:
@@ -151,13 +158,15 @@ def _header(labels: list[str], side: int) -> Text:
     line = [" "] * (side + _CELL * len(labels))
     for i in range(0, len(labels), stride):
         end = side + _CELL * (i + 1) - 1
-        label = labels[i][-end:]
-        line[end - len(label) : end] = label
+        if len(labels[i]) <= end:
+            line[end - len(labels[i]) : end] = labels[i]
     return Text("".join(line), style="bold", no_wrap=True)
 
 
 def _row(name: str, side: int, values: NDArray[np.float64], theta: float, bar: int) -> Text:
-    text = Text(f"{_cut(name, side - 1):{side}}", no_wrap=True)
+    text = Text(name, no_wrap=True)
+    text.truncate(side - 1, overflow="ellipsis", pad=True)
+    text.append(" ")
     for value in values:
         text.append(f"{_percent(value):>{_CELL - 1}} ", _colours(value))
     total = float(values.sum())
@@ -237,10 +246,6 @@ def _colours(value: float) -> Style:
 
 def _sentence_case(text: str) -> str:
     return f"{text[0].upper()}{text[1:]}."
-
-
-def _cut(name: str, length: int) -> str:
-    return name if len(name) <= length else name[: length - 1] + "…"
 
 
 def _rounded(value: float) -> float:

@@ -4,12 +4,12 @@ import sys
 import weakref
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
 from ...hardware.named_rigs import Truth
-from ...inference.episode import Episode, Step
+from ...inference.episode import Episode, EpisodeSetup, Step
 from ...inference.novelty import Novelty, UnknownTest, can_tell
 from ...models.errors import InputError
 from .ending import ending_of
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from .server import PageServer
 
 _FIRST_S = 20.0  # for a browser to start
-_OTHER_RULE = "another rule"
 
 
 class EpisodeView:
@@ -98,7 +97,7 @@ def _recorded(episode: Episode | Sequence[Episode] | Episodes | str | Path) -> E
         return episode
     if isinstance(episode, str | Path):
         return load_episodes(episode)
-    if not isinstance(episode, Episode | Sequence):
+    if not isinstance(episode, Sequence):
         raise InputError(f"view needs an episode of perceive, or a file of episodes; got {type(episode).__name__}.")
     return recorded_episodes([episode] if isinstance(episode, Episode) else episode)
 
@@ -114,46 +113,46 @@ def recorded_episodes(episodes: Sequence[Episode], heading: str = "", truths: Se
     Raises:
         InputError: There is none, or one was not made by `perceive`, or with other classes.
     """
-    for episode in episodes:
-        if not isinstance(episode, Episode) or episode.setup is None:
-            raise InputError("view needs an episode of perceive, or a file of episodes; this one has no setup.")
-    if not episodes:
+    setups = [each.setup for each in episodes if isinstance(each, Episode) and each.setup is not None]
+    if len(setups) < len(episodes):
+        raise InputError("view needs an episode of perceive, or a file of episodes; this one has no setup.")
+    if not setups:
         raise InputError("view needs at least one episode.")
-    setup = episodes[0].setup
-    assert setup is not None  # noqa: S101 - checked above
-    grid = setup.model.grid
-    for episode in episodes:
-        same = episode.setup is not None and not grid.differences(episode.setup.model.grid)
-        if not same or episode.samples.shape[1:] != episodes[0].samples.shape[1:]:
-            raise InputError("view needs episodes with the same classes and taxels.")
-    rule = "" if setup.theta < 1 else _OTHER_RULE
+    setup, grid = setups[0], setups[0].model.grid
+    sizes = {each.samples.shape[1:] for each in episodes}
+    if len(sizes) > 1 or any(grid.differences(each.model.grid) for each in setups):
+        raise InputError("view needs episodes with the same classes and taxels.")
     header = header_of(
         heading or f"{grid.M} objects at {grid.L} positions",
         grid,
         setup.model.preprocessing,
         episodes[0].samples.shape[2],
         theta=setup.theta,
-        rule=rule,
+        rule=_rule(setup),
         fixation=setup.fixation,
         taxel_mm=setup.taxel_mm,
         reading_unit=setup.units,
     )
-    taps = [list(_seen(episode, header.heading)) for episode in episodes]
+    taps = [list(_seen(*each, header.heading)) for each in zip(episodes, setups, strict=True)]
     known = truths or [Truth(None, None)] * len(taps)
     return recorded(header, taps, [ending_of(own[-1], truth) for own, truth in zip(taps, known, strict=True)])
 
 
 def example(episode: Episode, heading: str, truth: Truth) -> str:
     """HTML of one episode as part of a page."""
-    *_, last = _seen(episode, heading)
-    return fragment(recorded_episodes([episode], heading, [truth]), live_picture(last))
+    episodes = recorded_episodes([episode], heading, [truth])
+    *_, last = _seen(episode, cast("EpisodeSetup", episode.setup), heading)
+    return fragment(episodes, live_picture(last))
 
 
-def _seen(episode: Episode, heading: str) -> Iterator[Seen]:
+def _rule(setup: EpisodeSetup) -> str:
+    """Name of the stopping rule where it is not the threshold."""
+    return "" if setup.theta < 1 else "another rule"
+
+
+def _seen(episode: Episode, setup: EpisodeSetup, heading: str) -> Iterator[Seen]:
     """Each tap of an episode."""
-    setup, last = episode.setup, episode.taps - 1
-    if setup is None:
-        return
+    last = episode.taps - 1
     test = UnknownTest(Novelty(setup.model)) if can_tell(setup.model) else None
     moves, arrived = [*episode.moves.tolist(), None], [0, *episode.realised.tolist()]
     for t, log_belief in enumerate(episode.log_beliefs):
@@ -169,11 +168,10 @@ def _seen(episode: Episode, heading: str) -> Iterator[Seen]:
             gave_up=t == last and episode.gave_up,
             no_class_left=bool(np.isneginf(episode.log_evidence[t])),
         )
-        rule = "" if setup.theta < 1 else _OTHER_RULE
         if test is not None:
             test.add(step.tap, step.arrived)
         p = None if test is None else test.p
-        yield Seen(step, setup.model.grid, setup.theta, setup.fixation, p, heading=heading, rule=rule)
+        yield Seen(step, setup.model.grid, setup.theta, setup.fixation, p, heading=heading, rule=_rule(setup))
 
 
 def _in_notebook() -> bool:

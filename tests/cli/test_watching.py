@@ -92,7 +92,8 @@ def test_a_page_is_opened_where_there_is_a_display(command, model, monkeypatch):
     """Unless it must not be."""
     opened = []
     monkeypatch.setenv("DISPLAY", ":0")
-    monkeypatch.setattr("solidtouch.analysis.live.feed.webbrowser", SimpleNamespace(open=opened.append))
+    browser = SimpleNamespace(open=opened.append, get=lambda: None, Error=OSError)
+    monkeypatch.setattr("solidtouch.analysis.live.feed.webbrowser", browser)
     monkeypatch.setattr(watching, "_BROWSER_S", 0.05)
     base = ("perceive", model, *BASE, "--deadline", 1, "--view")
     done, silent = command(*base), command(*base, "--no-browser")

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 from solidtouch.analysis.live.feed import finish_data, serve_saved, start_data
-from solidtouch.analysis.live.fragment import whole_page
+from solidtouch.analysis.live.fragment import fragment, whole_page
 from solidtouch.analysis.live.saved import encoded, encoded_episodes, recorded
 from solidtouch.analysis.live.server import PageServer
 from solidtouch.analysis.live.view import _COLOURS
@@ -374,6 +374,15 @@ def test_a_page_of_its_own_plays_without_a_server(page, episodes, tmp_path):
     assert page.execute_script("return getComputedStyle(document.querySelector('.st-static')).display") == "block"
     assert page.execute_script("return document.querySelectorAll('.st-static li').length") == 12
     page.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
+
+
+def test_two_fragments_on_a_page_have_a_player_each(page, episodes, tmp_path):
+    """Also of two programs, which know nothing of each other."""
+    (tmp_path / "page.html").write_text(fragment(episodes) * 2, encoding="utf-8")
+    page.get((tmp_path / "page.html").as_uri())
+    counts = "return [...document.querySelectorAll('.st-player')].map((one) => one.player.taps.length)"
+
+    assert page.execute_script(counts) == [10, 10]
 
 
 def test_the_widget_is_the_same_player(page, episodes, tmp_path):

@@ -92,6 +92,8 @@ def changed(content, path, value):
         (["taps", 3, "readings"], [], "tap 4 of episode 1: readings must be 6 rows of 5 numbers"),
         (["taps", 3, "where_index"], 4, "tap 4 of episode 1: marginals and where_index do not fit"),
         (["taps", 3, "tap"], 9, "tap 9 of episode 1 follows tap 3 of episode 1"),
+        (["taps", 0, "episode"], 0, "Expected `int` >= 1"),
+        (["header", "samples"], 0, "Expected `int` >= 1"),
         (["ends", 1], ..., None),
         (["ends", 0], ..., "ends must be numbered"),
         (["ends"], [], "there are 2 episodes, but 0 ends"),

@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rich.cells import cell_len
 from rich.console import Console
+from solidtouch.analysis.live.ending import ending_of, said
 from solidtouch.analysis.live.picture import live_picture
 from solidtouch.analysis.live.view import Seen, fitting_width, picture, record, sentence
+from solidtouch.hardware.named_rigs import Truth
 from solidtouch.inference.episode import Step
 from solidtouch.models.grid import ClassGrid
 
@@ -167,3 +170,32 @@ def test_the_picture_needs_nothing_from_elsewhere():
 def test_a_decision_that_is_put_off_is_explained():
     """The belief is above the threshold, and there is a move instead of a decision."""
     assert sentence(seen(PEAK, theta=0.8, decision=None)).endswith("possibly unlike every object of the model, move +2")
+
+
+@pytest.mark.parametrize("place", [None, [[0, 0, 30], [1, 0, 30], [0, 2, 60]]], ids=["line", "plane"])
+def test_the_truth_is_said_with_its_unit(place):
+    """In a plane it is a place, not its number."""
+    shown = seen(PEAK, decision=1, move=None)
+    grid = ClassGrid([0, 1, 2], "mm, from the end", None, ["ball", "rod", "disc"], where_place=place)
+    told = said(2, ending_of(shown._replace(grid=grid), Truth("ball", 2.0)))
+
+    at = ("1 mm", "2 mm") if place is None else ("(1, 0) mm at 30", "(0, 2) mm at 60")
+    assert told == f"Episode 2: rod at {at[0]} after 3 taps (threshold). Truth: ball at {at[1]}."
+
+
+def test_wide_letters_keep_the_columns_in_line():
+    """A letter of Chinese takes two columns of the terminal."""
+    lines = printed(seen(PEAK, names="直径四ミリの棒のとても長い名前{}"), color_system=None).splitlines()
+
+    assert lines[1].startswith("直径四ミリの棒の … ")
+    assert len({cell_len(line[: line.index("0.")]) for line in lines[1:4]}) == 1
+
+
+def test_a_position_without_room_has_no_label():
+    """Without its sign it would be another one."""
+    shown = seen([[1.0], [1.0]], names="a")
+    grid = ClassGrid([-123456.0, 5.0], "mm (from the end)", None, ["a"])
+    out = printed(shown._replace(grid=grid), color_system=None)
+
+    assert out.splitlines()[0].split() == ["what"]
+    assert "columns: position (mm)." in out

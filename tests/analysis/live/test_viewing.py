@@ -1,6 +1,7 @@
 """`st.view`: what `perceive` returns as a page, and in a notebook."""
 
 import sys
+import webbrowser
 from types import SimpleNamespace
 
 import numpy as np
@@ -139,3 +140,28 @@ def test_with_a_display_the_browser_is_waited_for(made, monkeypatch):
     page.close()
 
     assert waited == [page.url, 20.0]
+
+
+def test_without_a_browser_the_address_is_printed(made, monkeypatch, capsys):
+    """A display alone does not open a page."""
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setattr("webbrowser.get", raising(webbrowser.Error("could not locate runnable browser")))
+    page = st.view(made[1]())
+    page.close()
+
+    assert capsys.readouterr().err == f"Open {page.url} in a browser.\n"
+
+
+def raising(error):
+    def get():
+        raise error
+
+    return get
+
+
+def test_fragments_have_no_names_in_common(made):
+    """The same episode is the same HTML; two of them on one page find their own data."""
+    episodes = viewing.recorded_episodes([made[1]()])
+
+    assert viewing.fragment(episodes) == viewing.fragment(episodes)
+    assert " id=" not in viewing.fragment(episodes)
