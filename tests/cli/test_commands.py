@@ -75,7 +75,10 @@ def test_fit_keeps_a_posterior_in_closed_form_instead_of_draws(command, tmp_path
             np.testing.assert_array_equal(stored.values.reshape(8, -1), tree[group][name].values.reshape(8, -1))
 
 
-@pytest.mark.parametrize("name", ["histogram", "gaussian", "profile", "session:gaussian"])
+@pytest.mark.parametrize(
+    "name",
+    ["histogram", *(pytest.param(n, marks=pytest.mark.slow) for n in ("gaussian", "profile", "session:gaussian"))],
+)
 def test_fit_writes_any_model_with_its_draws(command, tmp_path, taps_file, name):
     """The file decides as the model fitted in Python does; the way to it is said."""
     spread = ("--gain-sd", 0.1) if name.startswith("session") else ()
@@ -114,6 +117,7 @@ def test_fit_writes_all_that_arviz_needs(command, tmp_path, taps_file):
     assert (refused.code, "--arviz requires draws" in refused.err) == (2, True)
 
 
+@pytest.mark.slow
 def test_fit_stores_draws_of_large_recordings_on_request(command, tmp_path, taps_file, monkeypatch):
     """As each would read the whole recording; of a posterior in closed form there is nothing to say."""
     monkeypatch.setattr(storage, "ON_DISK", 0)
@@ -295,6 +299,7 @@ def test_files_that_do_not_fit_are_named(command, unlike):
         assert message in done.err
 
 
+@pytest.mark.slow
 def test_files_with_other_positions_are_compared(command, unlike, sketched):
     """Sessions are left out of both together; a single model is named."""
     words = ("--models", "histogram", "--draws", 0, "--trials", 20, "--thresholds", 0.5, "--out", unlike / "out")

@@ -59,6 +59,7 @@ def test_models_are_compared_on_one_page(command, recordings, tmp_path, sketched
     tree.close()
 
 
+@pytest.mark.slow
 def test_models_that_the_data_cannot_carry_are_named(command, tmp_path, sketched):
     """With one sample per tap profiles are refused, and the rest of the table still comes."""
     paths = []

@@ -84,6 +84,7 @@ def test_a_model_of_dependent_samples_is_named(command, files, tmp_path):
     assert "leave out --arviz" in command(*words, "--arviz").err
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("sketched")
 def test_models_are_compared_on_the_samples_that_are_there(command, files, tmp_path):
     """Those of dependent samples are named as refused, and no number becomes NaN."""

@@ -72,6 +72,7 @@ def class_means(fit, method):
     return fits.GuidePosterior(loc, lambda _: loc, fits.Convergence(True, f"By hand for {method}.", {}))
 
 
+@pytest.mark.slow
 def test_a_function_is_compared_with_a_built_in_model(run, monkeypatch, sketched):
     """And the page warns that they are on different measures; the method is that of the function alone."""
     monkeypatch.setattr(fits, "posterior", class_means)

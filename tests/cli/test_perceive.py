@@ -75,7 +75,7 @@ def test_taps_become_lines_and_a_decision(command, folder, rig):
     assert re.match(r"Update latency: median \d+\.\d\d ms, 99th percentile", lines[-1])
 
 
-@pytest.mark.parametrize("name", ["profile", "session"])
+@pytest.mark.parametrize("name", [pytest.param("profile", marks=pytest.mark.slow), "session"])
 def test_any_fitted_model_perceives(command, folder, session, name):
     """All engines come to the same decision; new things need a histogram, and states another border than prior."""
     settings = FitSettings(gain_sd=0.02, offset_sd=0.0)

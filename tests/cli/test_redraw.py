@@ -1,5 +1,6 @@
 """`solidtouch redraw` draws what the run drew, from its file of numbers alone."""
 
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -38,17 +39,23 @@ REPORTS = ("comparison", "reproduction")
 
 
 @pytest.fixture(scope="module")
-def stored(comparison, reproduction, tmp_path_factory):
+def stored(request, tmp_path_factory):
+    """The file of a report, by name."""
     folder = tmp_path_factory.mktemp("stored")
-    write_netcdf(comparison.tree, folder / "compare.nc")
-    write_netcdf(reproduction.tree, folder / "results.nc")
-    return {"comparison": folder / "compare.nc", "reproduction": folder / "results.nc"}
+
+    @cache
+    def path(name):
+        file = folder / ("compare.nc" if name == "comparison" else "results.nc")
+        write_netcdf(request.getfixturevalue(name).tree, file)
+        return file
+
+    return path
 
 
 @pytest.mark.parametrize(
     ("name", "names"),
     [
-        ("comparison", ["sessions", "decisions"]),
+        pytest.param("comparison", ["sessions", "decisions"], marks=pytest.mark.slow),
         ("reproduction", ["fig4", "fig7"]),
         *(pytest.param(name, [], marks=pytest.mark.slow) for name in REPORTS),
     ],
@@ -56,7 +63,7 @@ def stored(comparison, reproduction, tmp_path_factory):
 def test_a_redrawn_figure_is_that_of_the_run(name, names, stored, command, tmp_path, request):
     """Byte by byte; and what the file does not hold is said where all are wanted."""
     report = request.getfixturevalue(name)
-    done = command("redraw", stored[name], *names, "--out", tmp_path / "out")
+    done = command("redraw", stored(name), *names, "--out", tmp_path / "out")
     files = {path.stem: path.read_bytes() for path in (tmp_path / "out").iterdir()}
 
     assert done.code == 0
@@ -69,7 +76,7 @@ def test_a_redrawn_figure_is_that_of_the_run(name, names, stored, command, tmp_p
 def test_some_figures_in_another_style_and_format(stored, command, tmp_path):
     """Beside the file, in a folder of the style; existing files only with --force."""
     file = tmp_path / "results.nc"
-    file.write_bytes(stored["reproduction"].read_bytes())
+    file.write_bytes(stored("reproduction").read_bytes())
     done = command("redraw", file, "confusion", "contacts", "--style", "paper", "--format", "pdf")
 
     assert done.code == 0
@@ -87,7 +94,7 @@ def test_some_figures_in_another_style_and_format(stored, command, tmp_path):
     ],
 )
 def test_a_figure_that_cannot_be_drawn_is_named(words, said, stored, command, tmp_path):
-    done = command("redraw", stored["reproduction"], *words, "--out", tmp_path / "out")
+    done = command("redraw", stored("reproduction"), *words, "--out", tmp_path / "out")
 
     assert done.code == 2
     assert said in " ".join(done.err.split())
@@ -98,7 +105,7 @@ def test_other_files_are_refused(stored, command, tmp_path):
     """Also one without what an earlier version did not write, and one that lacks a group."""
     other, older, cut = (tmp_path / f"{name}.nc" for name in ("other", "older", "cut"))
     xr.Dataset({"x": ("y", np.zeros(2))}).to_netcdf(other, engine="h5netcdf")
-    tree = xr.open_datatree(stored["reproduction"], engine="h5netcdf").load()
+    tree = xr.open_datatree(stored("reproduction"), engine="h5netcdf").load()
     before = tree.copy()
     del before.attrs["grid"]
     write_netcdf(before, older)
@@ -128,11 +135,14 @@ def documented(section):
     return rows
 
 
-@pytest.mark.parametrize(("name", "section"), [("comparison", "compare.nc"), ("reproduction", "results.nc")])
+@pytest.mark.parametrize(
+    ("name", "section"),
+    [pytest.param("comparison", "compare.nc", marks=pytest.mark.slow), ("reproduction", "results.nc")],
+)
 def test_every_variable_is_documented(name, section, stored):
     """With its dims and unit; bounds and differences are described once for all."""
     rows, seen = documented(section), set()
-    with xr.open_datatree(stored[name], engine="h5netcdf") as tree:
+    with xr.open_datatree(stored(name), engine="h5netcdf") as tree:
         groups = {group.path.strip("/"): group.to_dataset().load() for group in tree.subtree}
     for path, group in groups.items():
         for variable, data in group.data_vars.items():

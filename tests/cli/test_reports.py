@@ -57,6 +57,7 @@ def test_a_figure_that_is_not_there_is_refused(report):
         report.plot("decision")
 
 
+@pytest.mark.slow
 def test_the_function_finds_and_saves_what_the_command_does(report, few_taps, command, tmp_path, sketched):
     """But for the names of the taps, the command line and seconds."""
     for name, part in zip(("train", "test"), few_taps, strict=True):
@@ -175,7 +176,7 @@ def test_an_inspection_prints_what_the_command_does(files, command):
     assert all(sentence[:40] in repr(report) for sentence in report.warnings)
 
 
-@pytest.mark.parametrize("names", [["histogram"], ["histogram", "gaussian"]])
+@pytest.mark.parametrize("names", [pytest.param(["histogram"], marks=pytest.mark.slow), ["histogram", "gaussian"]])
 def test_a_crosscheck_prints_what_the_command_does(files, command, monkeypatch, names):
     monkeypatch.setattr("solidtouch.cli.crosscheck.NAMES", names)
     short = ("--episodes", 1, "--length", 3, "--sequence-taps", 2, "--seed", 5)
@@ -238,7 +239,7 @@ def test_tuning_chooses_what_the_command_does(few_taps, command, tmp_path):
     assert all(sentence[:40] in " ".join(repr(report).split()) for sentence in report.found.sentences)
 
 
-@pytest.mark.parametrize("rig", [None, "simulated:ideal"])
+@pytest.mark.parametrize("rig", [None, pytest.param("simulated:ideal", marks=pytest.mark.slow)])
 def test_learning_on_line_finds_and_keeps_what_the_command_does(rig, taps, command, tmp_path):
     """The setting, the learner and, on a rig, the episodes."""
     for name, part in zip(("train", "test"), taps, strict=True):

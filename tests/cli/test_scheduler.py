@@ -48,6 +48,7 @@ def test_workers_and_a_scheduler_exclude_each_other(command, data, tmp_path, stu
     assert "--workers cannot be combined with --scheduler" in done.err
 
 
+@pytest.mark.slow
 def test_the_program_finds_dask_though_it_hides_it_from_other_commands(data, tmp_path):
     """Which xarray would import otherwise."""
     words = [

@@ -28,6 +28,7 @@ def said(text):
     return " ".join(text.split())
 
 
+@pytest.mark.slow
 def test_trials_play_the_other_session(command, folder, tmp_path):
     """The same trials as on a file of the other session alone."""
     words = ("--trials", 40, "--thresholds", "0.9")

@@ -95,7 +95,7 @@ def test_passive_trials_stay_where_they_start(files, command, tmp_path):
     assert np.flatnonzero(place).tolist() == [5]
 
 
-@pytest.mark.parametrize("name", ["profile", "session:gaussian"])
+@pytest.mark.parametrize("name", [pytest.param("profile", marks=pytest.mark.slow), "session:gaussian"])
 def test_any_fitted_model_is_played(command, make_taps, tmp_path, name):
     """As the trials of its table; one in states refuses the border prior."""
     taps = make_taps()
@@ -156,6 +156,7 @@ def test_intervals_are_over_taps_and_not_over_trials(files, command, tmp_path, m
     assert re.search(r"Warning: Too few test taps: .* This applies to theta 0\.999\. Wrong: fraction", words)
 
 
+@pytest.mark.slow
 def test_sessions_are_drawn_where_several_test(command, make_taps, tmp_path, monkeypatch):
     """Errors that differ between sessions only: intervals are much wider than where the same taps are of one."""
     monkeypatch.setattr(spread, "SELECTED_TRIALS", 400)

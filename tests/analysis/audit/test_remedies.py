@@ -76,6 +76,7 @@ def test_every_remedy_changes_one_thing(made):
     }
 
 
+@pytest.mark.slow
 def test_a_function_is_fitted_as_the_setting_says_and_tuned(sessions, monkeypatch):
     """Its table says what its first sentence says; one that cannot be fitted is refused."""
 

@@ -39,7 +39,10 @@ def by_object(where, what, taps=None, *, M, J, K):
 
 @pytest.mark.parametrize(
     ("models", "draws"),
-    [(["histogram", "gaussian", "session:gaussian"], 100), ([by_object], 0)],
+    [
+        (["histogram", "gaussian", "session:gaussian"], 100),
+        pytest.param([by_object], 0, marks=pytest.mark.slow),
+    ],
     ids=["built-in", "own"],
 )
 def test_models_fitted_and_judged_elsewhere_have_the_same_numbers(make_taps, monkeypatch, models, draws):

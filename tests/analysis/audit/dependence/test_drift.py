@@ -82,6 +82,7 @@ def test_time_is_the_recorded_order():
     assert recorded_time(taps).tolist() == [1, 0, 0, 1, 2, 2, 3]
 
 
+@pytest.mark.slow
 def test_taxels_that_drift_by_themselves_are_found_by_whole_taps_only():
     """A line in each taxel: contrasts give what they give without it."""
     found, without = probed(*drifting(3, line)), probed(*drifting(3, still))
@@ -99,6 +100,7 @@ def test_noise_common_to_taxels_is_found_by_contrasts():
     assert found["rejected"].sel(test="rank").values.sum() == K * (K - 1)
 
 
+@pytest.mark.slow
 def test_random_walks_of_taxels_keep_the_level():
     """Classes in turns share the walk, so they are permuted alike; each by itself ranks reject in one of three."""
     n, rejects = 60, np.zeros(len(TESTS))

@@ -260,6 +260,7 @@ def test_one_session_says_nothing_of_sessions():
     assert np.isnan(session_p(taps, found, 99))
 
 
+@pytest.mark.slow
 def test_p_values_of_sessions_are_uniform_where_sessions_are_alike():
     """Of 60 data sets of exchangeable sessions few reject; p-values are spread over the whole range.
 

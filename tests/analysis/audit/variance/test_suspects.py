@@ -98,6 +98,7 @@ def test_a_suspect_that_walks_is_told_from_drift_by_what_it_does_from_tap_to_tap
     assert split(made(drift=4.0, white=0.3), "temperature").attrs["suspect_p"][0] > 0.05
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("drift", [0.0, 3.0])
 def test_a_suspect_without_effect_is_found_at_the_level_of_the_test(drift):
     """In 40 data sets; more than 7 at level .05 have a chance below one in a thousand."""
