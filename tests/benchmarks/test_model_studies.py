@@ -141,6 +141,7 @@ def test_samples_of_a_story_with_forecasts_follow_from_those_before(small):
     assert abs((z[:, :, 1:] * z[:, :, :-1]).mean()) < 0.03
 
 
+@pytest.mark.slow
 def test_a_posterior_that_is_too_narrow_or_biased_fails(small):
     class Wrong:
         def __init__(self, posterior, shift, shrink):

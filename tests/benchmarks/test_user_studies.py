@@ -70,6 +70,7 @@ def shifted(make_taps):
 # Recovery ----------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_session_is_integrated_over_its_shift(shifted, rng, monkeypatch):
     """As by quadrature, and not tap by tap."""
     fitted, taps = shifted

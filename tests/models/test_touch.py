@@ -86,9 +86,9 @@ STATES = States(np.array([1.0, 1.3, 0.8, 1.1, 1.0]), np.array([0.0, 0.2, -0.1, 0
     ("name", "at_once"),
     [
         ("histogram", 2**23),
-        ("profile-ar", 2**23),
+        pytest.param("profile-ar", 2**23, marks=pytest.mark.slow),
         pytest.param("matrix-normal", 2**23, marks=pytest.mark.slow),
-        ("histogram", 300),
+        pytest.param("histogram", 300, marks=pytest.mark.slow),
         ("matrix-normal", 300),
     ],
 )

@@ -119,6 +119,7 @@ def test_the_finer_grid_has_twice_as_many_positions(made):
     assert all(remedy.grid.shape == (4, 3) for remedy in made[0][:-1])
 
 
+@pytest.mark.slow
 def test_a_fixation_point_stays_where_it_is(measured, sessions, monkeypatch):
     """On the finer grid it has another index; in measurements it is the setting's, not the middle."""
     monkeypatch.setattr(remedies, "MODELS", {name: MODELS[name] for name in [*MODELS][:1]})

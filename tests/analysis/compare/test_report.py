@@ -144,6 +144,7 @@ def test_a_model_that_fails_without_a_group_is_named_in_the_warnings(make_taps):
     assert "gaussian has no value" not in repr(report.summary["warnings"])
 
 
+@pytest.mark.slow
 def test_a_function_with_sessions_is_compared_in_every_way(make_taps):
     """Single taps left out and predictive checks are those of their own sessions."""
 

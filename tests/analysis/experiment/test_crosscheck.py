@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from slow_cases import slow_but
 from solidtouch.analysis.experiment import trial_check
 from solidtouch.analysis.experiment.crosscheck import STORY, crosscheck_model
 from solidtouch.hardware.simulator.model_rig import draw_taps
@@ -44,7 +45,7 @@ def failed(check):
     return {(row.routes, row.quantity) for row in check.rows if not row.passed}
 
 
-@pytest.mark.parametrize("border", BORDERS)
+@pytest.mark.parametrize("border", slow_but(("uniform", "prior"), BORDERS))
 def test_right_routes_agree(case, border):
     """Under every border; the one that is no kernel leaves the NumPyro routes out and says so."""
     check = run(case, border=border)

@@ -5,6 +5,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from slow_cases import slow_but
 from solidtouch.analysis.experiment import trial_check
 from solidtouch.analysis.experiment.crosscheck import STORY, crosscheck_model
 from solidtouch.inference import reference_models as plain
@@ -133,7 +134,7 @@ def test_prior_does_not_go_with_states(models, name, engine, message):
         make_engine(engine, models[name], "prior")
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", slow_but(("histogram", "student", "session"), NAMES))
 def test_all_routes_agree_on_every_model(models, taps, name):
     """The whole sequence too, and trials on both devices."""
     check = crosscheck_model(models[name], taps, episodes=2, length=LENGTH, sequence_taps=SEQUENCE)
@@ -162,7 +163,7 @@ def bent(form):
     return form._replace(mean=mean)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", slow_but(("histogram", "student", "session"), NAMES))
 def test_an_error_of_a_millionth_in_one_engine_is_found(models, taps, monkeypatch, compiled_loops_alone, name):
     """In the tables of the NumPyro model, of the compiled loops and of the yardstick, on every model."""
     model = models[name]

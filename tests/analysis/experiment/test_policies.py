@@ -119,6 +119,7 @@ def test_trials_in_blocks_are_the_same_trials(grid, monkeypatch, holes):
         np.testing.assert_array_equal(getattr(whole, name), getattr(blocks, name))
 
 
+@pytest.mark.slow
 def test_memory_does_not_grow_with_trials(grid, monkeypatch):
     monkeypatch.setattr(policies, "_AT_ONCE", 50 * L)
     table = table_of()

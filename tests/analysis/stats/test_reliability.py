@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from even_taps import even_table
+from slow_cases import slow_but
 from solidtouch.analysis.audit.guarantees import (
     PROMISED,
     USED,
@@ -185,7 +186,7 @@ def kept_promises():
     return guarantees(table, table, grid_of(), (0.6, 0.8, 0.9), 1, play=play, trials=4000, resamples=40)
 
 
-@pytest.mark.parametrize("policy", ["passive", "active"])
+@pytest.mark.parametrize("policy", slow_but(["active"], ("passive", "active")))
 def test_a_right_model_has_factor_one_and_keeps_the_promises(policy, kept_promises):
     """Within the interval, overall; promises hold for each object too, and some decisions are wrong."""
     table, promises = calibrated(), kept_promises
@@ -440,6 +441,7 @@ def test_intervals_cover_the_truth_of_other_taps():
     assert held >= 17
 
 
+@pytest.mark.slow
 def test_more_trials_at_one_place_do_not_narrow_intervals():
     """They repeat each other, and intervals hold the truth of other taps."""
     table, grid = calibrated(L=1, symbols=9, evenness=1.0), grid_of(1)

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.stats import binom
+from slow_cases import slow_but
 from solidtouch.analysis.audit.remedies import EXPONENT, FALLING, beside_right, make_remedies
 from solidtouch.analysis.stats.right_exponent import (
     MOST_TAPS,
@@ -94,6 +95,7 @@ def test_samples_that_are_copies_are_found():
         assert found.value < found.low <= found.median
 
 
+@pytest.mark.slow
 def test_taps_that_are_copies_are_found():
     """However often the same tap is counted, it is worth one: the saturation of a right model is larger."""
     train, tune = parts(1, n=20, right=model_of(5, 3))
@@ -252,7 +254,7 @@ def test_taps_of_a_session_are_in_one_state():
     assert alike.shape == sessions.taps.shape
 
 
-@pytest.mark.parametrize("name", ["histogram", "gaussian"])
+@pytest.mark.parametrize("name", slow_but(["histogram"], ("histogram", "gaussian")))
 def test_learned_powers_stand_beside_those_of_a_right_model(name):
     """Sessions left out in turn, as `fit --power learned` does; copies of a sample are found."""
     both = concatenate(parts(3, n=20))

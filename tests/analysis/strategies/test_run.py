@@ -77,6 +77,7 @@ def equal(summary, family, strategy):
     return [row for row in rows if row["strategy"] == strategy]
 
 
+@pytest.mark.slow
 def test_the_fixation_point_differs_from_itself_by_nothing(summary):
     for family in (PAPER, FIXED):
         for row in equal(summary, family, BASE):

@@ -226,6 +226,7 @@ def test_fault_30_drift(make_bench):
     assert drift > 2 * rig.settings.sensor.noise_limit
 
 
+@pytest.mark.slow
 def test_fault_30_drift_to_the_end_of_the_range(rig_bench):
     """There a taxel would no longer show a touch, so no tap is made."""
     with rig_bench.rig() as rig:

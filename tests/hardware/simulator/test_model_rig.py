@@ -196,6 +196,7 @@ def test_nothing_to_draw_is_refused(grid, tables, n, trained, message):
         draw_taps(grid, tables, EDGES, RECORD, n, seed=0, trained=np.full((L, M), trained))
 
 
+@pytest.mark.slow
 def test_taps_from_a_prior_share_latent_variables_but_those_of_sessions():
     """Levels of two sessions agree, and differ from those of another seed; shifts of a session are its own."""
     like = TapSet.from_arrays(

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from own_stories import shifted
 from scipy.stats import invgamma, kstest, norm, wishart
+from slow_cases import slow_but
 from solidtouch.inference.fit import fit
 from solidtouch.models.errors import InputError
 from solidtouch.models.io.arviz_tree import STATISTICS, to_arviz
@@ -183,7 +184,7 @@ def test_markov_chains_stay_chains(taps, model):
 NAMES = ["histogram", "profile-ar", "profile-mvn", "matrix-normal", "smooth", "session:profile"]
 
 
-@pytest.mark.parametrize("name", [*NAMES, pytest.param("student", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("name", slow_but(("histogram", "session:profile"), [*NAMES, "student"]))
 def test_all_models_have_all_groups(taps, make_taps, name):
     """With finite numbers."""
     used = make_taps(4, M, J, K, sessions=2, repeats=4) if name == "smooth" else taps
@@ -273,6 +274,7 @@ def test_summary(az, tree):
     assert (table["ess_bulk"] > DRAWS / 4).all()
 
 
+@pytest.mark.slow
 def test_loo(az, make_taps):
     """The exact value of the histogram, where importance sampling works: for few samples and bins."""
     taps = make_taps(2, 2, 1, 2, sessions=2, repeats=10)

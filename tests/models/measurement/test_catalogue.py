@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from slow_cases import slow_but
 from solidtouch.models.errors import InputError, NotConvergedError
 from solidtouch.models.grid import ClassGrid
 from solidtouch.models.measurement import smooth
@@ -76,7 +77,7 @@ def plain(name):
 # Laws
 
 
-@pytest.mark.parametrize("name", [*NAMES, *WRAPPED[1:]])
+@pytest.mark.parametrize("name", slow_but([*FAST, *WRAPPED], [*NAMES, *WRAPPED[1:]]))
 def test_own_probabilities_are_those_among_all(name):
     """`own` is the column of the own hypothesis; likelihoods are probabilities, and training taps fit their classes."""
     taps, model = taps_of(), plain(name).model
@@ -98,7 +99,7 @@ def test_own_probabilities_are_those_among_all(name):
     assert model.groups()["constant_data"].sizes["state"] == len(model.states.gain)  # parameters have their dims, too
 
 
-@pytest.mark.parametrize("name", [*FAST, "student"])
+@pytest.mark.parametrize("name", slow_but(FAST, [*FAST, "student"]))
 def test_probabilities_of_all_bins_sum_to_one(name):
     """The last sample is forecast from all others and forecasts none: over its bins it adds up to their probability.
 
@@ -317,7 +318,7 @@ def test_fits_that_did_not_converge_are_errors(monkeypatch):
 # Posteriors
 
 
-@pytest.mark.parametrize("name", [*FAST, "student"])
+@pytest.mark.parametrize("name", slow_but(FAST, [*FAST, "student"]))
 def test_draws_are_parameters_of_the_same_model(name):
     """Every draw makes a form that knows the taps about as well as the point."""
     fitted, taps = plain(name), taps_of()
@@ -335,7 +336,7 @@ def test_draws_are_parameters_of_the_same_model(name):
     assert own.mean() > own_log_likelihood(fitted.model, taps).mean() - 1.5 * J * K
 
 
-@pytest.mark.parametrize("name", [*FAST, "student"])
+@pytest.mark.parametrize("name", slow_but(FAST, [*FAST, "student"]))
 def test_convergence_is_a_sentence_with_numbers(name):
     """Exact, by ascent, or by variational inference."""
     convergence = plain(name).convergence

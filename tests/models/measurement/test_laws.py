@@ -6,6 +6,7 @@ from importlib import import_module
 import arviz as az
 import numpy as np
 import pytest
+from slow_cases import slow_but
 from solidtouch.models.measurement.generic import fit as generic_fit
 from solidtouch.models.measurement.generic.contract import StoryFunction
 from solidtouch.models.measurement.generic.form import GenericForm
@@ -117,13 +118,13 @@ def test_the_fast_likelihood_is_that_of_the_story(fitted, taps, kind, states):
     assert gap(model, np.concatenate([taps.taps[::9], taps.taps[:1] + 40.0])) < TOLERANCE
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", slow_but(("histogram", "gaussian", "profile-mvn", "student"), KINDS))
 def test_so_is_the_likelihood_that_is_integrated_over_draws(fitted, taps, rng, kind):
     """In states, too."""
     assert gap(in_states(integrated(fitted[kind], rng)), taps.taps[::17]) < TOLERANCE
 
 
-@pytest.mark.parametrize("value_range", ["global", "taxel"])
+@pytest.mark.parametrize("value_range", slow_but(["taxel"], ("global", "taxel")))
 def test_tables_of_histograms_are_those_of_their_story(taps, value_range):
     """`crosscheck` takes the tables as they are, as draws of rare bins are too small for plain probabilities."""
     model = fit_model("histogram", taps, taps.grid(), FitSettings(bins=9, value_range=value_range)).model
@@ -136,7 +137,7 @@ def test_tables_of_histograms_are_those_of_their_story(taps, value_range):
 # The contract ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", slow_but(("histogram", "gaussian", "smooth"), KINDS))
 def test_a_story_keeps_the_contract_of_own_models(fitted, taps, kind):
     """Run with its defaults and nothing known of it, it has the structure that its file says."""
     structure = structure_of(StoryFunction.of(story_of(kind), kind), batch_of(taps.grid(), taps.preprocessing, K))
@@ -146,7 +147,7 @@ def test_a_story_keeps_the_contract_of_own_models(fitted, taps, kind):
     assert not any((structure.swapped, structure.enumerated, structure.by_session))
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", slow_but(("histogram", "gaussian", "profile-ar"), KINDS))
 def test_a_story_without_taps_simulates_what_the_model_draws(fitted, kind, rng):
     """Mean and covariance over time and taxels of taps of one class, by the story and by the fast form."""
     model, n = fitted[kind].model, 20_000

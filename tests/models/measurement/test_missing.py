@@ -10,6 +10,7 @@ import pytest
 from own_stories import laplace, levels, normal, two_levels, walk
 from scipy import stats
 from scipy.special import logsumexp
+from slow_cases import slow_but
 from solidtouch.analysis.experiment.crosscheck import crosscheck_model
 from solidtouch.models.errors import InputError
 from solidtouch.models.measurement.draws import integrated
@@ -114,7 +115,7 @@ NAMES = (
 )
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", slow_but(("histogram", "student", "two_levels", "profile in states"), NAMES))
 def test_a_missing_sample_is_summed_over_its_bins(name, models, taps):
     """Which is what leaving it out means where samples are independent; the sums are over taps that lack nothing."""
     model, tap = models[name], taps.taps[5]
@@ -246,7 +247,7 @@ def test_the_law_of_left_out_taps_holds(random_holes):
     assert left_out.plug_in[3] == pytest.approx(others.model.judging(rest).log_likelihood(tap)[0][where[3], what[3]])
 
 
-@pytest.mark.parametrize("story", [normal, two_levels])
+@pytest.mark.parametrize("story", slow_but([two_levels], [normal, two_levels]))
 def test_a_fit_of_a_function_sees_the_samples_that_are_there(story, random_holes):
     """The log density of its taps is the sum over these, in the units that these give."""
     seen = []
@@ -351,10 +352,10 @@ def test_a_class_without_samples_of_a_taxel_has_no_level(taps):
 
 @pytest.mark.parametrize(
     "name",
-    [
-        pytest.param("histogram", marks=pytest.mark.slow),
-        *("profile", "histogram in states", "histogram integrated", "normal"),
-    ],
+    slow_but(
+        ("histogram in states", "normal"),
+        ("histogram", "profile", "histogram in states", "histogram integrated", "normal"),
+    ),
 )
 def test_all_routes_agree_where_samples_are_missing(name, models, random_holes):
     check = crosscheck_model(models[name], random_holes, train=random_holes, episodes=2, length=4, sequence_taps=2)

@@ -6,6 +6,7 @@ import pytest
 from numpyro.infer.util import log_density
 from scipy import stats
 from scipy.special import gammaln
+from slow_cases import slow_but
 from solidtouch.models.measurement import (
     gaussian,
     histogram,
@@ -139,7 +140,7 @@ def test_taxels_are_forecast_from_those_before(rng):
     ) == pytest.approx(expected, rel=1e-10)
 
 
-@pytest.mark.parametrize("strength", [0.0, 0.4])
+@pytest.mark.parametrize("strength", slow_but([0.4], [0.0, 0.4]))
 def test_matrix_normal_is_that_of_scipy(rng, strength):
     """Time precision and taxel precisions are Wishart, levels and taps matrix normal; levels flat at strength 0."""
     taps = random_taps(rng)
@@ -159,7 +160,7 @@ def test_matrix_normal_is_that_of_scipy(rng, strength):
     assert joint(taps.under(matrix_normal.story, prior=prior))(parameters) == pytest.approx(expected, rel=1e-9)
 
 
-@pytest.mark.parametrize("strength", [0.0, 0.4])
+@pytest.mark.parametrize("strength", slow_but([0.4], [0.0, 0.4]))
 def test_covariances_of_one_sample_have_the_exact_posterior(rng, strength):
     """Story and posterior of precisions and levels differ by one constant, whatever the parameters."""
     taps = random_taps(rng)

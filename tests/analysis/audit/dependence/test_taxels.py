@@ -206,6 +206,7 @@ def test_taxels_that_move_against_each_other_are_found(rng):
     assert_array_equal(found["family_p"], 0.01)
 
 
+@pytest.mark.slow
 def test_the_tests_hold_their_level():
     """On independent taxels with ties and dependence in time, each rejects in about one data set of twenty."""
     n, rejects, pairs = 100, np.zeros(3), []

@@ -145,6 +145,7 @@ def test_dependence_of_late_samples_only_is_found_by_any_lag(rng):
     assert near.attrs["lags"] == 3
 
 
+@pytest.mark.slow
 def test_the_tests_hold_their_level():
     """On taps whose taxels depend on each other at each sample and samples do not on each other."""
     n, rejects = 100, np.zeros(2)

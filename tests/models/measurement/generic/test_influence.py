@@ -5,6 +5,7 @@ import numpy as np
 import numpyro
 import numpyro.distributions as dist
 import pytest
+from slow_cases import slow_but
 from solidtouch.models.errors import InputError
 from solidtouch.models.measurement.generic import fit as fits
 from solidtouch.models.measurement.generic.contract import StoryCall, StoryFunction
@@ -100,7 +101,7 @@ def test_elements_that_a_new_session_alone_takes_are_refused(shift_of, name, ses
         looked_at(shift_of, sessions)
 
 
-@pytest.mark.parametrize("shift_of", [first, alternate, slope, shifts, around])
+@pytest.mark.parametrize("shift_of", slow_but([first, around], [first, alternate, slope, shifts, around]))
 def test_what_training_sessions_share_with_a_new_one_is_allowed(shift_of):
     assert looked_at(shift_of, 3) == ""
 

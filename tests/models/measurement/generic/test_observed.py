@@ -8,6 +8,7 @@ import numpy as np
 import numpyro.distributions as dist
 import pytest
 from scipy import stats
+from slow_cases import slow_but
 from solidtouch.models.measurement.generic.observed import BINS, DENSITY, Binned, binned, elementwise, measure_of
 
 SINGLE = {
@@ -71,7 +72,7 @@ def log_probability(distribution, taps):
     return np.asarray(judged(distribution, padded))[0, :B, 0]
 
 
-@pytest.mark.parametrize("name", SINGLE)
+@pytest.mark.parametrize("name", slow_but(("Normal", "StudentT", "Gamma", "Poisson"), SINGLE))
 def test_a_bin_has_the_difference_of_the_distribution_function(name):
     """And the end bins have all that is beyond them."""
     distribution, scipy = SINGLE[name]
@@ -127,7 +128,7 @@ WIDE = {
 """Distributions that fall by many powers of ten within a bin: with SciPy's, edges and the error allowed in nats."""
 
 
-@pytest.mark.parametrize("name", WIDE)
+@pytest.mark.parametrize("name", slow_but([*WIDE][:2], WIDE))
 def test_improbable_bins_that_are_wide_keep_their_digits(name):
     """All bins of all samples, down to those of probability e^-700, by SciPy's logs or sums over integers."""
     distribution, scipy, edges, allowed = WIDE[name]

@@ -129,7 +129,7 @@ def test_a_tap_is_judged_in_the_session_after_those_of_training(shift_of, fitted
     ("shift_of", "samples"),
     [
         (trend, "exchangeable"),
-        (walk, "rising"),
+        pytest.param(walk, "rising", marks=pytest.mark.slow),
         (trend, "either"),
         pytest.param(walk, "exchangeable", marks=pytest.mark.slow),
         pytest.param(trend, "rising", marks=pytest.mark.slow),
@@ -200,6 +200,7 @@ def test_taps_of_an_episode_share_a_session(samples, fitted):
     assert abs(exact[1] - exact[0]) > 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("samples", ["exchangeable", "rising"])
 def test_the_models_of_numpyro_have_the_same_sessions(samples, fitted):
     taps, fit, _ = fitted(shifts, samples)

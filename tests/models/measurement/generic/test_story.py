@@ -13,6 +13,7 @@ import pytest
 from own_stories import alike, correlated, counts, heavy, laplace, levels, normal, shifted, two_levels, walk
 from scipy import stats
 from scipy.special import logsumexp
+from slow_cases import slow_but
 from solidtouch.inference.engines.engine import make_engine
 from solidtouch.models.errors import InputError, NotConvergedError
 from solidtouch.models.io.model_file import load_model
@@ -141,7 +142,7 @@ def by_hand(name, model, taps):
     return log_probability(stats.norm(before, own["scale"][:, :, None]), lower, upper).sum(axis=(-2, -1))
 
 
-@pytest.mark.parametrize("name", ["laplace", "levels", "two_levels", "walk"])
+@pytest.mark.parametrize("name", slow_but(("two_levels", "walk"), ("laplace", "levels", "two_levels", "walk")))
 def test_a_class_has_the_likelihood_of_its_story(name, fitted, taps):
     model = fitted[name].model
     few = taps.select(np.arange(0, len(taps), 9))
@@ -153,7 +154,7 @@ def test_a_class_has_the_likelihood_of_its_story(name, fitted, taps):
     np.testing.assert_allclose(model.log_likelihood(few.taps)[likely], expected[likely], rtol=1e-9, atol=1e-7)
 
 
-@pytest.mark.parametrize("name", STORIES)
+@pytest.mark.parametrize("name", slow_but(("two_levels", "walk", "correlated"), STORIES))
 def test_all_ways_to_a_likelihood_agree(name, fitted, taps):
     """Compiled, by the story run for every tap, under true classes, by engines; also in states."""
     plain = fitted[name].model
@@ -262,7 +263,7 @@ def test_a_story_that_ignores_labels_tells_no_classes_apart(taps):
     np.testing.assert_allclose(found, np.broadcast_to(found[:, :1, :1], found.shape), rtol=1e-12)
 
 
-@pytest.mark.parametrize("name", ["laplace", "walk", "correlated"])
+@pytest.mark.parametrize("name", slow_but(["walk"], ("laplace", "walk", "correlated")))
 def test_drawn_taps_follow_the_story(name, fitted):
     """Their mean log probability per bin is that of its own expectation: taps of other classes are less likely."""
     model, n = fitted[name].model, 300
@@ -275,7 +276,7 @@ def test_drawn_taps_follow_the_story(name, fitted):
     assert (own - other).mean() > 3 * (own - other).std() / np.sqrt(n)
 
 
-@pytest.mark.parametrize("name", ["laplace", "walk"])
+@pytest.mark.parametrize("name", slow_but(["walk"], ("laplace", "walk")))
 def test_decisions_are_integrated_over_draws(name, taps):
     """By the mean likelihood of whole taps over the draws, in every route."""
     model = set_by_hand(STORIES[name], taps, method="svi", integrate=4).model
@@ -293,7 +294,7 @@ def test_decisions_are_integrated_over_draws(name, taps):
         np.testing.assert_allclose(np.exp(belief), np.exp(beliefs[0]), atol=1e-10)
 
 
-@pytest.mark.parametrize("name", ["histogram", "profile", "session:gaussian"])
+@pytest.mark.parametrize("name", slow_but(["session:gaussian"], ("histogram", "profile", "session:gaussian")))
 def test_built_in_models_are_integrated_too(name, taps, tmp_path):
     """And their file keeps the draws."""
     settings = FitSettings(bins=B, integrate=3, power="none")
@@ -413,7 +414,7 @@ def test_changed_code_is_not_taken_for_that_of_the_fit(in_file, taps, tmp_path, 
     assert load_model(tmp_path / "fit.nc").grid.shape == (L, M)
 
 
-@pytest.mark.parametrize("name", ["laplace", "walk", "shifted"])
+@pytest.mark.parametrize("name", slow_but(["walk"], ("laplace", "walk", "shifted")))
 def test_a_model_survives_its_file(name, fitted, taps, tmp_path):
     fitted[name].model.save(tmp_path / "model.nc")
     again = load_model(tmp_path / "model.nc")
@@ -581,6 +582,7 @@ def test_all_fits_find_the_same_levels(taps, monkeypatch):
             np.testing.assert_allclose(np.std(draws, axis=0).mean(), (n + 1 / 9) ** -0.5, rtol=0.15, err_msg=name)
 
 
+@pytest.mark.slow
 def test_discrete_variables_are_summed_for_one_class_and_taxel():
     """Where all plates have one element."""
     story, none = StoryFunction.of(two_levels, "two_levels"), np.zeros(0, dtype=int)

@@ -9,6 +9,7 @@ import numpy as np
 import numpyro.distributions as dist
 import pytest
 from scipy.stats import norm, uniform
+from slow_cases import slow_but
 from solidtouch.models.measurement.generic.observed import Binned, InBin
 from solidtouch.models.measurement.likelihood import shapes
 from solidtouch.models.measurement.likelihood.story_likelihood import in_state, log_likelihoods
@@ -91,7 +92,7 @@ def test_one_of_everything(make_taps, kind):
 
 
 @pytest.mark.parametrize("kind", ["profile-mvn", "matrix-normal"])
-@pytest.mark.parametrize("wide", [2, 100])
+@pytest.mark.parametrize("wide", slow_but([100], [2, 100]))
 def test_one_sample_of_dependent_taxels(make_taps, monkeypatch, kind, wide):
     """Such as a feature vector, whitened by a loop of its own or by products of matrices."""
     monkeypatch.setattr("solidtouch.models.measurement.likelihood.forms._WIDE", wide)
