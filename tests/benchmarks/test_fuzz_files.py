@@ -63,6 +63,7 @@ def test_one_message_of_a_recording_is_damaged(fake_rig, tmp_path):
         assert case.read_bytes() != path.read_bytes()
 
 
+@pytest.mark.slow
 def test_damaged_settings_are_refused_or_accepted(tmp_path):
     Setting().save(tmp_path / "setting.json")
     ends = fuzz_files.fuzz("setting", tmp_path / "setting.json", 20, dice(3), tmp_path / "kept")

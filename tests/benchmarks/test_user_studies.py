@@ -93,6 +93,7 @@ def test_a_session_is_integrated_over_its_shift(shifted, rng, monkeypatch):
     assert abs(logsumexp(each + prior[:, None], axis=0).sum() - expected) > 1
 
 
+@pytest.mark.slow
 def test_a_simulated_session_has_one_shift_for_all_classes(shifted, rng):
     fitted, taps = shifted
     source = recovery.Source("shifted", fitted, taps, taps.grid())

@@ -9,6 +9,7 @@ from inspect import signature
 import numpy as np
 import pytest
 import xarray as xr
+from slow_cases import slow_but
 from solidtouch.analysis.experiment.crosscheck import CrossCheck, RouteDifference
 from solidtouch.inference.fit import fit
 from solidtouch.models import blocks, storage
@@ -191,6 +192,7 @@ def test_a_fit_that_did_not_converge_needs_consent(command, tmp_path, taps_file,
         assert tree.attrs["converged"] == "False"
 
 
+@pytest.mark.slow
 def test_fit_learns_the_power_on_training_sessions(command, tmp_path, make_taps):
     make_taps(sessions=3, repeats=3).save(tmp_path / "taps.nc")
     words = ("--model", "gaussian", "--power", "learned:2", "--draws", 0, "--bins", 9)
@@ -441,7 +443,7 @@ def test_a_file_tested_on_itself_is_named(command, taps_file, tmp_path):
     assert "Warning: all 84 taps of session 0 and all 84 taps of session 1 trained the model" in done.out
 
 
-@pytest.mark.parametrize("module", ["solidtouch.analysis.reproduce.report", "jax"])
+@pytest.mark.parametrize("module", slow_but(["jax"], ["solidtouch.analysis.reproduce.report", "jax"]))
 def test_an_interrupt_while_libraries_load_ends_the_program(module, tmp_path):
     """At once, with the sentence and exit code of every interrupt."""
     code = (
@@ -477,7 +479,7 @@ def test_a_model_refuses_taps_prepared_otherwise(command, tmp_path, make_taps):
     ("name", "given", "least"),
     [
         ("compare", {"draws": 100, "trials": 1000, "folds": 1}, {"draws": 0, "trials": 7, "folds": 1}),
-        ("audit", {"trials": 1000, "permutations": 199}, {"trials": 100, "permutations": 99}),
+        ("audit", {"trials": 1000, "permutations": 159}, {"trials": 100, "permutations": 99}),
     ],
 )
 def test_a_preview_takes_less_of_everything(command, monkeypatch, taps_file, name, given, least):

@@ -3,6 +3,7 @@
 from functools import cache
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
 import xarray as xr
@@ -105,18 +106,20 @@ def test_other_files_are_refused(stored, command, tmp_path):
     """Also one without what an earlier version did not write, and one that lacks a group."""
     other, older, cut = (tmp_path / f"{name}.nc" for name in ("other", "older", "cut"))
     xr.Dataset({"x": ("y", np.zeros(2))}).to_netcdf(other, engine="h5netcdf")
-    tree = xr.open_datatree(stored("reproduction"), engine="h5netcdf").load()
-    before = tree.copy()
-    del before.attrs["grid"]
-    write_netcdf(before, older)
-    for path, said in ((other, "not a file of results; expected"), (older, "not a file of results of an earlier")):
+    for path in (older, cut):
+        path.write_bytes(stored("reproduction").read_bytes())
+    with h5py.File(older, "a") as before:
+        del before.attrs["grid"]
+    with h5py.File(cut, "a") as lacking:
+        del lacking["examples"]
+    for path, said in (
+        (other, "not a file of results; expected"),
+        (older, "not a file of results of an earlier"),
+        (cut, "not a whole file of results: 'examples/clear'"),
+    ):
         done = command("redraw", path)
         assert done.code == 2
         assert said in " ".join(done.err.split())
-    whole = {group.path: group.to_dataset() for group in tree.subtree if not group.path.startswith("/examples")}
-    write_netcdf(xr.DataTree.from_dict(whole), cut)
-    assert "not a whole file of results: 'examples/clear'" in " ".join(command("redraw", cut).err.split())
-    tree.close()
 
 
 def documented(section):

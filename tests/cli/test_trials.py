@@ -117,6 +117,7 @@ def test_any_fitted_model_is_played(command, make_taps, tmp_path, name):
     assert ("border 'prior' does not support models that carry a state" in prior.err) == name.startswith("session")
 
 
+@pytest.mark.slow
 def test_intervals_are_over_taps_and_not_over_trials(files, command, tmp_path, monkeypatch):
     """Twenty times the trials take out their chance alone; both kinds have intervals, and the page says what of."""
     folder, model, test = files

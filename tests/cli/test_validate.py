@@ -55,6 +55,7 @@ def test_an_engine_that_is_wrong_is_named_with_its_first_case(short, monkeypatch
     assert "shift-prior: DIFFERS tap 1: posterior" in " ".join(done.output.split())
 
 
+@pytest.mark.slow
 def test_beliefs_that_are_too_cautious_are_found(short, monkeypatch):
     calibrate = checks.calibrate
 

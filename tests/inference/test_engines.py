@@ -197,7 +197,13 @@ def assert_enumerated(model, taps, deltas, border, log_evidence, smoothed):
 
 
 @pytest.mark.parametrize("border", KERNEL_BORDERS)
-@pytest.mark.parametrize("sizes", [(2, 3, 4, 1, 5, 3), (4, 1, 2, 5, 6, 2), (1, 3, 2, 5, 6, 2), (1, 1, 2, 3, 4, 2)])
+@pytest.mark.parametrize(
+    "sizes",
+    slow_but(
+        [(2, 3, 4, 1, 5, 3), (1, 1, 2, 3, 4, 2)],
+        [(2, 3, 4, 1, 5, 3), (4, 1, 2, 5, 6, 2), (1, 3, 2, 5, 6, 2), (1, 1, 2, 3, 4, 2)],
+    ),
+)
 @pytest.mark.parametrize("pseudocount", slow_but([0.0], [0.0, 0.3]))
 def test_enumerated_sequences_agree_with_all_paths(make_model, draw_samples, rng, border, sizes, pseudocount):
     """Smoothed posteriors and evidence are the sums over all paths, filtered ones those of the recursion."""
@@ -211,7 +217,7 @@ def test_enumerated_sequences_agree_with_all_paths(make_model, draw_samples, rng
     assert_enumerated(model, taps, deltas, border, log_evidence, smoothed)
 
 
-@pytest.mark.parametrize("power", ["JK", "none", 2.5])
+@pytest.mark.parametrize("power", slow_but([2.5], ["JK", "none", 2.5]))
 def test_enumerated_sequences_hold_every_power(make_model, draw_samples, power):
     """The exponent scales every tap, not the moves."""
     model = make_model(2, 3, 4, 1, 5, power=power, seed=4)

@@ -80,6 +80,7 @@ def test_the_script_passes_every_case():
     assert {verdict.status for verdict in verdicts([*node(), str(FOLDER / "solid.js")])} == {"pass"}
 
 
+@pytest.mark.slow
 def test_the_c_program_passes_in_single_precision(tmp_path):
     """What 32 bits cannot do is left out, and that is not most of it."""
     words = compile_c(FOLDER / "solid.c", tmp_path / "single", "-O2", "-std=c99", "-DSOLIDTOUCH_REAL=float")

@@ -408,6 +408,7 @@ def test_the_widget_is_the_same_player(page, episodes, tmp_path):
     assert page.execute_script("return document.querySelectorAll('canvas').length") == 0
 
 
+@pytest.mark.slow
 def test_the_page_of_a_long_run_leaves_out_its_oldest_episodes(page, server, episodes):
     """And stays at the tap that it shows."""
     page.get(server.url)

@@ -407,6 +407,7 @@ def test_a_recording_of_one_split_has_resamples_of_taps_as_units(tmp_path, make_
     assert [choice.name for choice in study.catalogue.choices] == ["pseudocount"]
 
 
+@pytest.mark.slow
 def test_intervals_of_one_recording_hold_its_taps_and_not_only_trials(tmp_path, make_taps):
     """With four test taps of a class many trials leave them wide: 0.04 mm would be that of 3200 trials."""
     make_taps(sessions=2, repeats=4).save(tmp_path / "two.nc")

@@ -186,6 +186,7 @@ def kept_promises():
     return guarantees(table, table, grid_of(), (0.6, 0.8, 0.9), 1, play=play, trials=4000, resamples=40)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("policy", slow_but(["active"], ("passive", "active")))
 def test_a_right_model_has_factor_one_and_keeps_the_promises(policy, kept_promises):
     """Within the interval, overall; promises hold for each object too, and some decisions are wrong."""
@@ -209,6 +210,7 @@ def test_a_right_model_has_factor_one_and_keeps_the_promises(policy, kept_promis
     assert kept.holds.all()
 
 
+@pytest.mark.slow
 def test_a_likelihood_counted_three_times_breaks_what_it_promises():
     """The factor is well above 1, and the promise at a high threshold is broken beyond its interval."""
     table = calibrated(evenness=0.4)
@@ -424,6 +426,7 @@ def test_few_taps_give_the_factor_of_fresh_ones():
     assert wrong[1].sum() / doubt[1].sum() > 1.5
 
 
+@pytest.mark.slow
 def test_intervals_cover_the_truth_of_other_taps():
     """Of 20 data sets of taps, the interval of the wrong fraction holds that of very many taps in most."""
     truth = reliability(

@@ -79,6 +79,7 @@ def exponent(seed, plant=lambda taps: taps, n=N, right=RIGHT):
     return compare_below(tuned([train, tune])[0], found[:, 0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("data_sets", [5, pytest.param(120, marks=pytest.mark.slow)])
 def test_the_test_has_its_level(data_sets):
     """Independent samples, models of their own: small p-values are as rare as uniform ones, but for ties."""
@@ -116,6 +117,7 @@ def test_taps_that_are_copies_are_found():
     assert tuned[FALLING].saturation.value == made[2].setting.fit.saturation
 
 
+@pytest.mark.slow
 def test_remedies_are_tuned_anew_on_every_data_set():
     """Fitted to its training taps, tuned on its tuning taps, as `make_remedies` does."""
     train, tune = parts(2)

@@ -270,6 +270,7 @@ def test_a_setting_is_played_as_it_says():
     assert one.shape == (3, 6)
 
 
+@pytest.mark.slow
 def test_the_test_has_its_level():
     """Sixty data sets of the model itself: p-values are uniform, so one in ten is at most a tenth, either side."""
     model = model_of(L=2, M=2, B=4, seed=3)

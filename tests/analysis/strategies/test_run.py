@@ -349,6 +349,7 @@ def test_data_that_allow_no_comparison_are_refused(make_taps, tmp_path):
         simulated_bench("nowhere", 3, 0)
 
 
+@pytest.mark.slow
 def test_recordings_are_compared_over_sessions_or_resampled_taps(make_taps, tmp_path, two_families):
     """Three sessions are left out in turn, and each pair of the others can teach a power; two are one fold."""
     for sessions in (2, 3):
@@ -362,6 +363,7 @@ def test_recordings_are_compared_over_sessions_or_resampled_taps(make_taps, tmp_
     assert equal(summary, FIXED, "random")[0]["way_low"] > 0
 
 
+@pytest.mark.slow
 def test_intervals_of_one_recording_hold_its_taps_and_not_only_trials(make_taps, tmp_path, two_families):
     """With four test taps of a class: 0.11 mm would be that of 400 trials."""
     make_taps(sessions=2, repeats=4).save(tmp_path / "two.nc")

@@ -162,7 +162,8 @@ def test_a_story_without_taps_simulates_what_the_model_draws(fitted, kind, rng):
         np.testing.assert_allclose((covariances[0] - covariances[1]) / np.outer(spread, spread), 0, atol=0.07)
 
 
-@pytest.mark.parametrize("kind", ["gaussian", pytest.param("profile", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["gaussian", "profile"])
 def test_a_built_in_story_is_a_model_of_its_own(taps, kind, monkeypatch):
     """Fitted by the methods of own models, here to its most probable values, it has the levels of the fast fit."""
     monkeypatch.setattr(generic_fit, "check_prior", lambda _: "")

@@ -76,7 +76,7 @@ MODEL = GenericStory(StoryFunction.of(laplace, "tenth-model"))
 """
 
 
-@pytest.fixture(params=["fast", "bare"])
+@pytest.fixture(params=[pytest.param("fast", marks=pytest.mark.slow), "bare"])
 def tenth(request, monkeypatch, tmp_path):
     """A further model: its file in the folder of models, and its name in the registry."""
     (tmp_path / "tenth_model.py").write_text(BARE)

@@ -94,6 +94,7 @@ def test_taxels_that_drift_by_themselves_are_found_by_whole_taps_only():
     assert_array_equal(found["drift_reason"], "")
 
 
+@pytest.mark.slow
 def test_noise_common_to_taxels_is_found_by_contrasts():
     found = probed(*drifting(1, line, common=2.0))
     assert_array_equal(found["drift_p"].sel(test=["rank", "distance"]), 0.01)

@@ -78,7 +78,7 @@ def by_hand(monkeypatch):
 @pytest.mark.parametrize(
     ("distribution", "fitted"),
     [
-        (truncated, True),
+        pytest.param(truncated, True, marks=pytest.mark.slow),
         (shifted, False),
         (beyond, False),
         pytest.param(shifted, True, marks=pytest.mark.slow),

@@ -111,6 +111,7 @@ def test_discrete_variables_are_summed_out():
         looked_at(constant, 3, mixed=True)
 
 
+@pytest.mark.slow
 def test_sessions_of_which_the_taps_tell_nothing_are_said():
     alone = "How a new session differs from the one that trained story ({}) is known from the prior alone; train with"
     assert looked_at(slope, 1).startswith(alone.format("slope"))

@@ -138,6 +138,7 @@ def test_components_of_a_mixture_have_bounds_of_their_own():
         np.testing.assert_array_equal(jax.jit(inside)(mixture, at), [False, True, True])
 
 
+@pytest.mark.slow
 def test_tails_of_student_are_finite_however_far_out():
     """By quadrature of the density, whose logs do not underflow."""
     freedom, z = (grid.ravel() for grid in np.meshgrid([1.0, 3.0, 30.0, 300.0, 1e4], [5.0, 38.0, 60.0, 1e3, 1e6]))

@@ -224,6 +224,7 @@ def test_a_random_walk_steps_from_the_sample_before(rng):
     np.testing.assert_allclose(found, expected, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_other_vectors_have_their_density_times_the_widths_of_their_bins(rng):
     taps, edges = rng.normal(size=(1, 4, 3)), np.cumsum(rng.uniform(0.2, 0.9, size=13)) - 4
     held = held_in(taps, edges)

@@ -62,6 +62,7 @@ def test_quantiles_of_made_distributions(found):
     np.testing.assert_allclose(mixture(found["mixture"]), QUANTILES, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_vectors_are_made_of_independent_numbers():
     """Of even points: their moments are nearly those of the distribution."""
     points = stats.qmc.Sobol(3, rng=np.random.default_rng(0)).random(1024)
@@ -122,6 +123,7 @@ def drawn():
     return new(False), new(True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "exact"),
     [("t", stats.t(3.0, 0.5, 1.0)), ("b", stats.beta(2.0, 5.0)), ("g", stats.gamma(2.0, scale=1 / 3))],

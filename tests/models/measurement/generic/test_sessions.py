@@ -8,6 +8,7 @@ import numpyro.distributions as dist
 import pytest
 from numpyro.contrib.control_flow import scan
 from scipy import stats
+from slow_cases import slow_but
 from solidtouch.inference.engines.enumeration import log_likelihoods as enumerated
 from solidtouch.inference.engines.enumeration import observed, touch_tables
 from solidtouch.models.errors import InputError
@@ -130,7 +131,7 @@ def test_a_tap_is_judged_in_the_session_after_those_of_training(shift_of, fitted
     [
         (trend, "exchangeable"),
         pytest.param(walk, "rising", marks=pytest.mark.slow),
-        (trend, "either"),
+        pytest.param(trend, "either", marks=pytest.mark.slow),
         pytest.param(walk, "exchangeable", marks=pytest.mark.slow),
         pytest.param(trend, "rising", marks=pytest.mark.slow),
         pytest.param(walk, "either", marks=pytest.mark.slow),
@@ -183,7 +184,7 @@ def test_a_tap_of_a_session_that_trained_nothing_has_no_session_of_its_own(fitte
         next(drawn(fit, other, 1, 0))
 
 
-@pytest.mark.parametrize("samples", ["exchangeable", "rising"])
+@pytest.mark.parametrize("samples", slow_but(["exchangeable"], ("exchangeable", "rising")))
 def test_taps_of_an_episode_share_a_session(samples, fitted):
     """The belief after several taps is nearly that of exact integration over what moves all of them."""
     taps, fit, _ = fitted(shifts, samples)
@@ -384,6 +385,7 @@ def test_a_new_session_is_drawn_beside_a_scan():
     np.testing.assert_array_equal(new["step"], known["step"])
 
 
+@pytest.mark.slow
 def test_sessions_drawn_from_a_prior_follow_each_other():
     """Each is given those before it, and has their number as index."""
 

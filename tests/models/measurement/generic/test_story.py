@@ -217,6 +217,7 @@ def test_a_new_session_is_drawn_from_its_prior(fitted, taps):
     np.testing.assert_allclose(found, mean, atol=0.1)  # of other draws, those of states with weights
 
 
+@pytest.mark.slow
 def test_draws_made_together_are_those_made_one_by_one(fitted, monkeypatch):
     """New sessions and tables, three at a time, of which the last ones are fewer."""
     model, S = fitted["shifted"].model, 7
@@ -502,6 +503,7 @@ def test_few_taps_and_long_ones_may_change_more_between_windows(shape, limit):
     assert fits.largest_change(fits.Fit(None, None, None, np.zeros(shape), 0)) == pytest.approx(limit)
 
 
+@pytest.mark.slow
 def test_the_best_start_goes_on_until_the_loss_is_still(taps, monkeypatch):
     """Of two starts the first is the better one at this seed; more runs follow only where the loss still changes.
 
@@ -715,6 +717,7 @@ def test_a_prior_far_from_the_taps_is_told_of_a_fit_that_did_not_converge(taps):
             quick(wide, taps, unconverged=False)
 
 
+@pytest.mark.slow
 def test_categories_are_samples_too(make_taps):
     """Distributions that take integers alone are fitted and judged, each category by its probability."""
 
