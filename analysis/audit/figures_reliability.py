@@ -258,7 +258,8 @@ def plot_sessions(axes: Axes, result: TargetError) -> Axes:
     axes.set_xscale("log")
     line_bundle(axes, x, curves.error, colors=OTHERS, linewidths=0.6)
     axes.plot([], [], color=OTHERS, linewidth=0.6, label="sessions")
-    axes.fill_between(x, low, high, color="black", alpha=0.12, linewidth=0, label=f"new session, {COVERAGE:.0%}")
+    # In a colour of its own, as it is not the interval of the mean.
+    axes.fill_between(x, low, high, color="0.88", linewidth=0, label=f"new session, {COVERAGE:.0%}")
     axes.plot(x, curves.error.mean(axis=0), color="black", label="mean")
     axes.axhline(result.target, color=PASSIVE, linewidth=0.8, linestyle="--", label="wanted")
     left = result.left_out

@@ -31,6 +31,7 @@ type CurvePoint = tuple[float, float, str, str, str]
 """Place in the figure (fractions of its width and height from the upper left), the texts of x and y, and a name."""
 
 _MOST_POINTS = 70  # of a curve; of one with more, every nth is given
+_INSIDE = 0.51  # of a panel, from its middle: others are cut off
 _DIGITS = 6  # of what has no interval, as thresholds are close to 1
 
 
@@ -120,7 +121,7 @@ def _panel(figure: Figure, axes: Axes, known: dict[_Look, str], prefix: str) -> 
     if not found:
         return None
     (left, bottom), (right, top) = figure.transFigure.inverted().transform(axes.bbox.get_points()).tolist()
-    title = " ".join(filter(None, (axes.get_title("left"), axes.get_title())))
+    title = " ".join(filter(None, (axes.get_title("left"), axes.get_title()))).replace("\n", " ")
     box = tuple(round(value, 4) for value in (left, 1 - top, right, 1 - bottom))
     return CurvePanel(title, _axis_label(axes, "x"), _axis_label(axes, "y"), cast("tuple", box), found)
 
@@ -144,11 +145,11 @@ def _points(figure: Figure, axes: Axes, line: Line2D) -> Iterator[CurvePoint]:
     if not low.size:
         low, high = _interval(axes, line, xs, ys)
     left, right = _interval(axes, line, ys, xs, flipped=True)
-    shown = axes.transData + figure.transFigure.inverted()
+    shown, inside = (axes.transData + to.inverted() for to in (figure.transFigure, axes.transAxes))
     known = np.flatnonzero(np.isfinite(xs) & np.isfinite(ys))
     for i in known[:: -(-len(known) // _MOST_POINTS) or 1].tolist():
-        x, y = shown.transform((xs[i], ys[i])).tolist()
-        if 0 <= x <= 1 and 0 <= y <= 1:
+        if np.all(np.abs(inside.transform((xs[i], ys[i])) - 0.5) <= _INSIDE):
+            x, y = shown.transform((xs[i], ys[i])).tolist()
             text = told.x[i] if told.x else _text(axes, "x", xs[i], left[i], right[i])
             name = told.names[i] if told.names else ""
             yield round(x, 4), round(1 - y, 4), text, _text(axes, "y", ys[i], low[i], high[i]), name
@@ -180,10 +181,15 @@ def _intervals(axes: Axes, line: Line2D) -> Iterator[LineCollection | PolyCollec
 
 
 def _spans(artist: LineCollection | PolyCollection, flipped: bool) -> Iterator[tuple[float, float, float]]:
-    """Where each interval is, and its ends."""
-    for path in artist.get_paths():
+    """Where each interval is, and its ends: bars along either axis, and bands along y."""
+    from matplotlib.collections import LineCollection  # noqa: PLC0415
+
+    bars = isinstance(artist, LineCollection)
+    for path in artist.get_paths() if bars or not flipped else ():
         corners = np.asarray(path.vertices, dtype=float)[:, :: -1 if flipped else 1]
         corners = corners[np.isfinite(corners).all(axis=1)]
+        if bars and len(corners) != 2:  # a curve of many
+            continue
         for at in np.unique(corners[:, 0]).tolist():
             values = corners[corners[:, 0] == at, 1]
             if len(values) > 1:

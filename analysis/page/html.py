@@ -122,20 +122,22 @@ def _template(page: Page) -> Template:
 
 def in_words(panels: Sequence[CurvePanel]) -> str:
     """Axes of panels, and where their first curves begin and end; as much as is listened to."""
-    told = [f"Panel {panel.title}: {panel.y} against {panel.x}; {_series(panel)}." for panel in panels[:_TOLD_PANELS]]
-    more = len(panels) - len(told)
-    return " ".join([*told, *([f"{more} more panels."] if more > 0 else [])])
+    more = len(panels) - _TOLD_PANELS
+    told = [*map(_panel_in_words, panels[:_TOLD_PANELS]), f"{more} more panel{'s' * (more > 1)}." * (more > 0)]
+    return " ".join(filter(None, told))
 
 
-def _series(panel: CurvePanel) -> str:
-    """Ends of some curves, each with its value."""
+def _panel_in_words(panel: CurvePanel) -> str:
+    """Axes, and the ends of some curves, each with its value."""
+    name = f"Panel {panel.title}: " * bool(panel.title)
     ends = (
         f"{one.label} from {one.points[0][3]} at {one.points[0][2]} to {one.points[-1][3]} at {one.points[-1][2]}"
         if len(one.points) > 1
         else f"{one.label} {one.points[0][3]} at {one.points[0][2]}"
         for one in panel.series[:_TOLD_SERIES]
     )
-    return ", ".join(ends)
+    axes = " against ".join(filter(None, (panel.y, panel.x)))
+    return f"{name}{'; '.join(filter(None, [axes, ', '.join(ends)]))}."
 
 
 def _as_json(curves: Sequence[CurvePanel]) -> str:

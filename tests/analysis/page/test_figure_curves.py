@@ -94,3 +94,17 @@ def test_elements_of_a_curve_are_found_in_the_drawing(axes):
     parts = [part for panel in drawing.curves for series in panel.series for part in series.parts]
     assert len(parts) == len({*parts}) == 4
     assert all(f'id="{part}"'.encode() in drawing.svg for part in parts)
+
+
+def test_a_band_is_no_interval_along_the_axis(axes):
+    """Errors of 0 at several thresholds lie on one edge of it."""
+    axes[0].plot(X, np.zeros(3), label="a", color="black")
+    axes[0].fill_between(X, np.zeros(3), X, color="black", alpha=0.2)
+    assert [point[0] for point in told(axes[0].figure)["", "a"]] == ["0.1", "0.5", "0.9"]
+
+
+def test_points_that_a_panel_cuts_off_are_left_out(axes):
+    """They would lie in its neighbour."""
+    axes[0].plot([1, 2, 5], [0, 1, 0], label="a")
+    axes[0].set(xlim=(0, 2), ylim=(0, 1))
+    assert [point[0] for point in told(axes[0].figure)["", "a"]] == ["1", "2"]

@@ -9,12 +9,14 @@ import pytest
 from matplotlib.figure import Figure
 from solidtouch.analysis.page import html
 from solidtouch.analysis.page import page as pages
+from solidtouch.analysis.page.figure_curves import CurvePanel, CurveSeries
 from solidtouch.analysis.page.figure_sizes import new_figure
 from solidtouch.analysis.page.figure_style import label_panel, styled
 from solidtouch.analysis.page.html import (
     Image,
     draw_pictures,
     embedded,
+    in_words,
     write_page,
 )
 from solidtouch.analysis.page.page import (
@@ -233,3 +235,16 @@ def test_a_text_says_what_a_figure_shows(tmp_path):
 
 def test_the_examples_of_the_docstrings_hold():
     assert doctest.testmod(pages).failed == 0
+
+
+@pytest.mark.parametrize(
+    ("names", "words"),
+    [(("A", "taps", "error"), "Panel A: error against taps; "), (("", "", "error"), "error; "), (("", "", ""), "")],
+)
+def test_a_panel_is_told_by_what_it_has(names, words):
+    """Its letter, its axes, and where its curves begin and end."""
+    series = CurveSeries("active", "black", [], [(0.1, 0.2, "1", "5", ""), (0.3, 0.4, "2", "4", "")])
+    panel = CurvePanel(*names, (0, 0, 1, 1), [series])
+
+    assert in_words([panel]) == f"{words}active from 5 at 1 to 4 at 2."
+    assert in_words([panel] * 7).endswith("2. 1 more panel.")
