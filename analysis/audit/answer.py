@@ -25,12 +25,14 @@ def _calibration(summary: Row) -> str:
     judged = summary["verdict"]["evidence"]["judged"]
     if judged["wrong"] is None or (judged["factor"][0] is None and not judged["unbounded"]):
         return f"**Calibration cannot be assessed**: at threshold {summary['threshold']:g} every decision has belief 1."
-    times = "infinitely" if judged["unbounded"] else factor(judged["factor"])
+    often = f"{factor(judged['factor'])} times as often as the beliefs imply"
+    if judged["unbounded"]:
+        often = "although all beliefs are 1"
     right = judged["beside"]
     beside = factor([right["median"], right["low"], right["high"]]) if right["median"] is not None else "no wrong one"
     return (
         f"**{_STATES[summary['verdict']['state']]}**: {percent(judged['wrong'])} of the decisions at threshold "
-        f"{summary['threshold']:g} are wrong, {times} times as often as the beliefs imply (a correct model: {beside})."
+        f"{summary['threshold']:g} are wrong, {often} (a correct model: {beside})."
     )
 
 

@@ -64,26 +64,19 @@ def _taxels(audit: Audit, found: Row) -> Iterator[Block]:
         else "(permuted between sessions, because each session has one tap per class; dependence may be that of "
         "sessions)"
     )
-    dead = f" Constant taxels were skipped: {', '.join(map(str, found['dead']))} of {found['taxels']}."
+    dead = f" Of {found['taxels']} taxels, these are constant and were skipped: {', '.join(map(str, found['dead']))}."
     yield (
         f"Tests are within classes {sessions} and at a fixed sample, so the time course of a press does not count. "
         "The mean absolute effect is compared with that of permuted taps. “p, taxels may drift” tests the null "
         "hypothesis that taxels are independent of each other but may each drift slowly along the session: contrasts "
         "of three neighbouring taps, which cancel linear trends, were permuted. “p, taps exchangeable” tests the null "
         "hypothesis that the order of the taps of a class and session is arbitrary, so independent taxels that drift "
-        "reject it too. Pairs are those significant at a false discovery rate of 5% (by contrasts where these exist)."
-        + dead
-        * bool(found["dead"])
+        f"reject it too. Pairs are those significant at a false discovery rate of 5% (by contrasts where these exist)."
+        f"{dead * bool(found['dead'])}"
     )
-    heads = [
-        "test",
-        "mean absolute effect",
-        "permuted taps",
-        "pairs found",
-        "p, taxels may drift",
-        "p, taps exchangeable",
-    ]
-    yield Table([*heads, "permutations"], [_taxel_test(test) for test in found["tests"]])
+    heads = ["test", "mean absolute effect", "permuted taps", "pairs found", "p, taxels may drift"]
+    heads += ["p, taps exchangeable", "permutations"]
+    yield Table(heads, [_taxel_test(test) for test in found["tests"]])
     yield Picture(
         "taxels",
         "Dependence of taxels at the same sample, within class",
@@ -146,7 +139,7 @@ def _cost(audit: Audit, summary: Row) -> Iterator[Block]:
     cost = summary["miscalibration"]["evidence"]
     rest, judged = cost["at_stopping"], cost["judged"]
     yield (
-        f"At threshold {rest['theta']}, {rest['policy']}, {percent(rest['stopped'])} of the trials stop, "
+        f"At threshold {rest['theta']:g}, {rest['policy']}, {percent(rest['stopped'])} of the trials stop, "
         f"{triple(rest['wrong'])} of these are wrong, and the mean of 1 − belief is {triple(rest['doubt'])}: the "
         "miscalibration factor (wrong decisions over mean 1 − belief; 1 if calibrated) is "
         f"**{factor(rest['factor'])}**. Over all decisions it is **{factor(judged['factor'], judged['unbounded'])}**; "

@@ -108,12 +108,13 @@ def findings(levels: Sequence[Criterion], reference: str) -> list[str]:
     for level in levels:
         if len(level.values) == 1 < max(len(other.values) for other in levels):
             continue  # no other model has a value
-        best = level.best[0]
-        equal = f" (equally good: {', '.join(level.best[1:])})" if len(level.best) > 1 else ""
-        sentence = f"{best} {level.said}: {_value(level, best)}{equal}"
-        other = level.second if reference in level.best else reference
+        wins = reference in level.best  # intervals are those of differences to it
+        best, other = (reference, level.second) if wins else (level.best[0], reference)
+        equal = [name for name in level.best if name != best]
+        sentence = f"{best} {level.said}: {_value(level, best)}"
+        sentence += f" (equally good: {', '.join(equal)})" * bool(equal)
         first = levels[0].best[0]
-        predicts = f"{first}, which predicts {levels[0].title} best"
+        predicts = f"{first}, which {'predicts taps best' if levels[0].title == 'taps' else levels[0].said}"
         if other in level.values:
             named = predicts if other == first else other
             sentence += f", compared with {_value(level, other)} for {named}{_interval(level, best, other, reference)}"

@@ -6,6 +6,12 @@ from ..page.numbers import interval, listed, number
 from ..page.page import Row
 
 _NAMES = {"what_error": "object error", "where_error": "position error", "taps": "reaction time"}
+_LOST = {
+    0: ("is not significant", "are not significant"),
+    -1: ("is significant in the opposite direction", "are significant in the opposite direction"),
+    None: ("cannot be tested", "cannot be tested"),
+}
+"""What becomes of differences on fresh taps, of one and of several."""
 
 
 def answer(theta: float, stored: Sequence[Row], fresh: Sequence[Row], units: Mapping[str, str]) -> list[str]:
@@ -35,33 +41,37 @@ def answer(theta: float, stored: Sequence[Row], fresh: Sequence[Row], units: Map
     compared = f"compared with passive perception, active perception has {listed(phrases)}."
     return [
         f"At threshold {number(theta, 10)}, {compared}",
-        *_on_fresh({row["policy"]: row for row in fresh}, [name for name in units if clear[name]]),
+        *_on_fresh({row["policy"]: row for row in fresh}, {name: sign for name, sign in clear.items() if sign}),
     ]
 
 
-def _on_fresh(rows: Mapping[str, Row], names: Sequence[str]) -> Iterator[str]:
-    """Whether differences that stored taps show hold where no tap repeats."""
+def _on_fresh(rows: Mapping[str, Row], clear: Mapping[str, int]) -> Iterator[str]:
+    """Whether differences that stored taps show, with these directions, hold where no tap repeats."""
     difference = rows.get("passive - active")
-    if difference is None or not names:
+    if difference is None or not clear:
         return
-    lost = [_NAMES[name] for name in names if not _direction(difference, name)]
-    where = "On fresh taps, of which none repeats within a trial,"
-    if lost:
-        several = len(lost) > 1
-        yield f"{where} the difference{'s' * several} in {listed(lost)} {'are' if several else 'is'} not significant."
-    else:
-        yield f"{where} {'these differences remain' if len(names) > 1 else 'this difference remains'} significant."
+    now = [(name, sign, _direction(difference, name)) for name, sign in clear.items()]
+    phrases = []
+    for kind, (of_one, of_several) in _LOST.items():
+        lost = [_NAMES[name] for name, sign, fresh in now if (None if fresh is None else sign * fresh) == kind]
+        if lost:
+            several = len(lost) > 1
+            phrases.append(f"the difference{'s' * several} in {listed(lost)} {of_several if several else of_one}")
+    remains = "these differences remain significant" if len(clear) > 1 else "this difference remains significant"
+    yield f"On fresh taps, of which none repeats within a trial, {listed(phrases) or remains}."
 
 
-def _direction(difference: Row, name: str) -> int:
-    """1 where active perception is significantly lower, -1 where it is higher, else 0."""
+def _direction(difference: Row, name: str) -> int | None:
+    """1 where active perception is significantly lower, -1 where it is higher, else 0; `None` without an interval."""
     low, high = (difference.get(f"{name}_{end}") for end in ("low", "high"))
     if low is None or high is None:
-        return 0
+        return None
     return int(low > 0) - int(high < 0)
 
 
-def _phrase(name: str, direction: int) -> str:
+def _phrase(name: str, direction: int | None) -> str:
+    if direction is None:
+        return f"{_an(_NAMES[name])} whose difference cannot be tested"
     if not direction:
         return f"{_an(_NAMES[name])} that does not differ significantly"
     lower, higher = ("shorter", "longer") if name == "taps" else ("lower", "higher")

@@ -196,11 +196,7 @@ def _crosscheck(check: CrossCheck) -> Iterator[Block]:
 
 def _provenance(summary: ReproductionSummary) -> Iterator[Block]:
     yield f"Seed {summary['seed']}. The same command with the same seed and versions gives the same numbers."
-    for title, key, digits in (
-        ("Options", "options", 10),
-        ("Versions", "versions", 10),
-        ("Time spent (s)", "elapsed_s", 3),
-    ):
+    for title, key, digits in _LISTS:
         rows = [(name, number(value, digits)) for name, value in summary[key].items()]
         yield Section(title, [Table((), rows, words={1})])
     yield (

@@ -57,6 +57,23 @@ def test_a_reference_that_wins_is_compared_with_the_second_best():
     assert findings([level("taps", {"a": -7.0})], "a") == ["a is best at taps: −7 nat."]
 
 
+def test_a_reference_that_shares_the_win_is_the_one_compared():
+    """Intervals are those of differences to it, and so of no other winner."""
+    tied = Criterion(
+        "x", "is best", "mm", False, {"a": 0.0, "b": 0.0, "c": 0.5}, {"a": -0.1, "c": 0.2}, {"a": 0.1, "c": 0.8}
+    )
+    (sentence,) = findings([tied], "b")
+    assert sentence == (
+        "b is best: 0 mm (equally good: a), compared with 0.5 mm for c; difference −0.5 (−0.8 to −0.2)."
+    )
+
+
+def test_the_first_level_is_named_by_what_it_ranks():
+    """Without groups to leave out nothing predicts taps."""
+    first = TAPS._replace(title="class after 1 tap", said="infers the class after 1 tap best")
+    assert "b, which infers the class after 1 tap best;" in findings([first, ERROR], "a")[1]
+
+
 @pytest.mark.parametrize(("worse", "words"), [(-8.5, "0.5 (−0.5 to 1.5), not significant"), (-9.5, "1.5 (0.5 to 2.5)")])
 def test_differences_that_may_be_none_are_called_so(worse, words):
     assert findings([level("taps", {"a": worse, "b": -8.0})], "a")[0].endswith(f"for a; difference {words}.")
