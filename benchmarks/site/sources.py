@@ -35,7 +35,7 @@ def _folder_page(path: Path, name: str, known: set[str]) -> str:
     head = path / "__init__.py"
     lines = [f"# {name}/", ""]
     if head.exists():
-        lines += [_docstring(head).replace("\n\n", "\n\n"), ""]
+        lines += [_docstring(head), ""]
     for part in sorted(path.iterdir()):
         if part.name.startswith((".", "_")) or part.suffix in {".pyc", ".egg-info"}:
             continue
