@@ -129,7 +129,7 @@ def _looking_helps() -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        if not any(words in str(error) for words in _OTHER_LAYOUT):
+        if "--look" in str(error) or not any(words in str(error) for words in _OTHER_LAYOUT):
             raise
         raise InputError(f"{error} For any other layout see convert --look.") from error
 

@@ -143,7 +143,11 @@ def _order(bench: Path, orders: list[dict[str, Any]]) -> None:
         from ..hardware.emulator.shared_clock import SocketConnection
 
     state: dict[str, Any] = {}
-    with SocketConnection((bench / "control").absolute()) as connection:
+    control = (bench / "control").absolute()
+    if not control.exists():
+        missing = "no such folder" if not bench.is_dir() else "not the folder of an emulator"
+        raise InputError(f"{bench}: {missing}; name that of a running `solidtouch emulate --out`.")
+    with SocketConnection(control) as connection:
         for order in orders:
             state = connection.control(order)
     print(f"object: {state['object_name'] or 'none'}; faults: {', '.join(state['faults']) or 'none'}")

@@ -30,6 +30,7 @@ with loading():
     from .reproduce import reproduce
     from .rig import app as rig
     from .sensitivity import sensitivity
+    from .shared.usage import PlainGroup
     from .simulate import simulate
     from .strategies import strategies
     from .sweep import sweep
@@ -45,6 +46,7 @@ app = typer.Typer(
     help="Active Bayesian perception for robot touch: exact posteriors over position and object.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
+    cls=PlainGroup,
 )
 _COMMANDS = (
     reproduce,

@@ -9,7 +9,7 @@ from typer import Argument, Context, Option
 
 from ..models.errors import InputError
 from ..models.settings import PlaySettings
-from .shared.completion import rigs
+from .shared.completion import rigs, rules, strategies
 from .shared.homing import Home, Yes, confirm_homing
 from .shared.interrupt import loading
 from .shared.options import Fields, Force, Missing, SettingFile, Story, TrainingTaps, given, merged, spelled_out
@@ -54,7 +54,10 @@ def perceive(
     move: Annotated[
         str | None,
         Option(
-            metavar="NAME", help="Control strategy: random, step, info-what, ...; docs/how-to/perceiving.md lists all."
+            metavar="NAME",
+            help="Control strategy: passive, fixation[:THETA_X], random, step[:REACH], table, or info-what, info-where "
+            "or info-joint, each also with -per-mm or -per-s.",
+            autocompletion=strategies,
         ),
     ] = None,
     training: Annotated[
@@ -70,7 +73,9 @@ def perceive(
         str | None,
         Option(
             metavar="RULE",
-            help="Stopping rule: where:0.9, taps:5, ...; docs/how-to/perceiving.md lists all.",
+            help="Stopping rule: what:THETA, where:THETA, both:THETA_W,THETA_X, taps:N, error:P, each-error:P, "
+            "msprt:COST or lookahead:COST, such as where:0.9.",
+            autocompletion=rules,
         ),
     ] = None,
     give_up: Annotated[

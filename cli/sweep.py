@@ -88,4 +88,5 @@ def _progress(console: "Console") -> Iterator[tuple[Callable[["SweepProgress"], 
     try:
         yield show, seen
     finally:
-        bars.stop()
+        if bars.live.is_started:
+            bars.stop()

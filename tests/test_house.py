@@ -111,7 +111,13 @@ EDGES = {
     "threadpoolctl": ("models/threads.py",),
     "tornado": ("analysis/live/server.py",),
     "traitlets": ("analysis/live/widget.py",),
-    "typer": ("cli/*.py", "cli/shared/homing.py", "cli/shared/map_options.py", "cli/shared/options.py"),
+    "typer": (
+        "cli/*.py",
+        "cli/shared/homing.py",
+        "cli/shared/map_options.py",
+        "cli/shared/options.py",
+        "cli/shared/usage.py",
+    ),
     "zarr": (
         "analysis/sweep/store.py",
         "models/io/isolated/zarr_store.py",

@@ -37,5 +37,19 @@ def rigs(incomplete: str) -> list[str]:
     return _fitting(["simulated", *(f"simulated:{name}" for name in presets("")), "replay:"], incomplete)
 
 
+def strategies(incomplete: str) -> list[str]:
+    """Control strategies, without those that hold a number."""
+    from ...inference.moves.strategies import FORMS
+
+    return _fitting([form for form in FORMS if ":" not in form], incomplete)
+
+
+def rules(incomplete: str) -> list[str]:
+    """Stopping rules, up to their numbers."""
+    from ...inference.stopping.rules import FORMS
+
+    return _fitting([form.partition(":")[0] + ":" for form in FORMS], incomplete)
+
+
 def _fitting(words: list[str], incomplete: str) -> list[str]:
     return [word for word in words if word.startswith(incomplete)]

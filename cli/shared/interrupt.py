@@ -10,7 +10,7 @@ from types import FrameType
 
 INTERRUPTED = 130  # exit code, as in shells and Typer
 TERMINATED = 143
-MESSAGE = "solidtouch: interrupted; all files written are complete."
+MESSAGE = "solidtouch: interrupted; no file is left incomplete."
 _AGAIN_S = 0.05
 
 

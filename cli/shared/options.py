@@ -129,7 +129,9 @@ FitMethod = Annotated[
     Literal["closed", "svi", "nuts", "map", "laplace"],
     typer.Option(
         "--fit",
-        help="How functions of yours are fitted, by default as with svi; nuts in the command fit samples any model.",
+        help="Fit of functions of yours: closed (the default) means svi; map finds the mode of the posterior, laplace "
+        "its mode and curvature, nuts samples it. Built-in models keep their fast fit, but the command fit samples any "
+        "model with nuts.",
     ),
 ]
 Steps = Annotated[

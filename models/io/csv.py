@@ -88,8 +88,8 @@ def _check_header(header: Sequence[str], repeated: Sequence[str]) -> None:
         raise InputError(f"line 1: column {repeated[0]!r} is repeated.")
     if "what" not in header:
         raise InputError(
-            f"line 1: missing column what; columns, split at commas: {', '.join(header)[:200]}. Of another layout, "
-            "solidtouch convert --look shows what is there."
+            f"line 1: missing column what; columns, split at commas: {', '.join(header)[:200]}; for "
+            "another layout solidtouch convert --look shows what is there."
         )
     if not any(name.startswith("taxel") for name in header):
         raise InputError("line 1: no column name starts with taxel; solidtouch convert --look shows what is there.")

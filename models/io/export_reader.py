@@ -18,6 +18,7 @@ from ..storage import read_object
 from .export import FORMAT, prior
 
 _ROUNDING = 1e-9
+_MOST_NAMED, _MOST_SHOWN = 5, 200
 _SIZES = ("L", "M", "K", "J", "B")
 
 
@@ -27,15 +28,28 @@ def load_exported(path: str | Path) -> TapModel:
     Raises:
         InputError: The file is missing, damaged or not an exported model; the message names file and key.
     """
-    values = read_object(path, "exported model")
+    values = read_object(path, "model")
     if values.get("format") != FORMAT or "kind" not in values:
-        raise InputError(f"{path}: not an exported model: key format is not {FORMAT}, or key kind is missing.")
+        raise InputError(
+            f"{path}: not a model but {_other(values)}; a model is a .nc file from `fit` or a .json "
+            "file from `export-model`."
+        )
     try:
         return _model(values)
     except KeyError as error:
         raise InputError(f"{path}: not an exported model: missing key {error.args[0]}.") from error
     except InputError as error:
         raise InputError(f"{path}: damaged: {error}") from error
+
+
+def _other(values: dict[str, Any]) -> str:
+    """What a JSON object is that is no model."""
+    if values.get("format") == "solidtouch episodes":
+        return "recorded episodes, for `view`"
+    if {"model", "threshold", "power"} <= values.keys():
+        return "a setting, for --setting"
+    keys = ", ".join(list(values)[:_MOST_NAMED]) or "none"
+    return f"a JSON object with the keys {keys}"[:_MOST_SHOWN]
 
 
 def _model(values: dict[str, Any]) -> TapModel:

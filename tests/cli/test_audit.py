@@ -279,7 +279,7 @@ def test_little_data_give_a_page_all_the_same(name, tmp_path):
 
 
 BAD = {
-    "no file": (0, (), "Missing argument"),
+    "no file": (0, (), "missing argument"),
     "missing": (3, ("none.nc",), "none.nc: no such file"),
     "threshold": (3, ("--theta", "1"), "--theta must lie between 0 and 1, got 1.0"),
     "NaN": (3, ("--theta", "nan"), "--theta must be a number from 0 to 1, got nan"),
@@ -288,7 +288,11 @@ BAD = {
     "few sessions": (3, ("--target-error", "0.05"), "--target-error needs"),
     "fixation": (3, ("--fixation", "99"), "fixation"),
     "power": (3, ("--power", "K"), "power"),
-    "permutations": (3, ("--permutations", "98"), "Invalid value for '--permutations'"),
+    "permutations": (
+        3,
+        ("--permutations", "98"),
+        "--permutations must be at least 99, got 98; see `solidtouch audit --help`.",
+    ),
     "bins": (3, ("--bins", "0"), "bins"),
     "pseudocount": (3, ("--pseudocount", "-1"), "pseudocount"),
     "border": (3, ("--border", "wall"), "border"),

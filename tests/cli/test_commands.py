@@ -19,6 +19,7 @@ from solidtouch.models.io.model_file import load_model
 from solidtouch.models.measurement import student
 from solidtouch.models.measurement.likelihood.bins import count_taps
 from solidtouch.models.measurement.registry import NAMES, fit_model
+from solidtouch.models.setting_file import Setting
 from solidtouch.models.settings import FitSettings
 from solidtouch.models.taps import TapSet
 
@@ -348,7 +349,7 @@ def test_crosscheck_leaves_numpyro_out_where_the_border_is_no_kernel(command, ta
     [
         (["fit", "MISSING", "--out", "MODEL"], "missing.nc: no such file"),
         (["fit", "FOLDER", "--out", "MODEL"], "no .csv files"),
-        (["fit", "TAPS", "--out", "TAPS"], "already exists; set force (--force)"),
+        (["fit", "TAPS", "--out", "TAPS"], "already exists; use --force"),
         (["fit", "TAPS", "--out", "OUT"], "must end in .nc"),
         (["fit", "TAPS", "--out", "NOWHERE"], "no folder"),
         (["fit", "TAPS", "--out", "MODEL", "--power", "K"], "power must be J, JK, none or a positive number, got 'K'"),
@@ -381,7 +382,7 @@ def test_crosscheck_leaves_numpyro_out_where_the_border_is_no_kernel(command, ta
         (["reproduce", "--data", "MISSING", "--out", "OUT"], "missing.nc: no such file"),
         (["reproduce", "TAPS"], "name recorded taps with --data"),
         (["reproduce", "--data", "TAPS", "--out", "TAPS"], "is a file, expected a folder"),
-        (["reproduce", "--data", "TAPS", "--out", "FULL"], "already exists; set force (--force)"),
+        (["reproduce", "--data", "TAPS", "--out", "FULL"], "already exists; use --force"),
         (["reproduce", "--data", "TAPS", "--out", "OUT", "--fixation", "3"], "must be an index from 0"),
         (["reproduce", "--data", "TAPS", "--out", "OUT", "--thresholds", "a"], "--thresholds must be numbers"),
         (["reproduce", "--data", "TAPS", "--out", "OUT", "--thresholds", "1.5"], "--thresholds must be distinct"),
@@ -458,7 +459,7 @@ def test_an_interrupt_while_libraries_load_ends_the_program(module, tmp_path):
 
     assert done.returncode == 130
     assert done.stdout == ""
-    assert done.stderr == "solidtouch: interrupted; all files written are complete.\n"
+    assert done.stderr == "solidtouch: interrupted; no file is left incomplete.\n"
 
 
 def test_a_model_refuses_taps_prepared_otherwise(command, tmp_path, make_taps):
@@ -515,3 +516,41 @@ def test_a_name_that_no_file_can_have_is_refused(command, words):
     assert re.search(r"^solidtouch: (--\w+ )?9{400}: (cannot read: )?(File name too long|no such file)", done.err), (
         done.err
     )
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["perceive"], "missing argument 'MODEL'; see `solidtouch perceive --help`."),
+        (
+            ["perceive", "m.nc", "--episodes", "0"],
+            "--episodes must be at least 1, got 0; see `solidtouch perceive --help`.",
+        ),
+        (["fit", "a", "--bins", "x"], "--bins must be a whole number, got 'x'; see `solidtouch fit --help`."),
+        (["nope"], "no such command 'nope'; see `solidtouch --help`."),
+        (["rig", "nope"], "no such command 'nope'; see `solidtouch rig --help`."),
+        (["perceive", "m.nc", "--engine", "x"], "--engine is wrong: 'x' is not one of 'numpy', 'numpyro', 'filter'"),
+    ],
+)
+def test_wrong_use_is_one_plain_sentence(command, words, sentence):
+    """Without a box and without words of libraries."""
+    done = command(*words)
+
+    assert (done.code, done.out, done.err.count("\n")) == (2, "", 1)
+    assert done.err.startswith(f"solidtouch: {sentence}")
+
+
+def test_a_file_that_is_no_model_is_named_for_what_it_is(command, tmp_path):
+    Setting().save(tmp_path / "setting.json")
+    done = command("perceive", tmp_path / "setting.json")
+
+    assert (done.code, "setting.json: not a model but a setting" in done.err) == (2, True)
+
+
+def test_a_hint_and_a_refusal_come_once(command, tmp_path):
+    """The way to other layouts is named once, and no empty line comes first."""
+    (tmp_path / "x.csv").write_text("a,b\n1,2\n")
+    (tmp_path / "bad.toml").write_text("foo = 1\n")
+
+    assert command("convert", tmp_path / "x.csv", tmp_path / "x.nc").err.count("--look") == 1
+    assert command("sweep", tmp_path / "bad.toml").err.startswith("solidtouch: ")

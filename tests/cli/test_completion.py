@@ -10,6 +10,7 @@ from solidtouch.cli.main import run
 
 PROGRAM = Path(sys.executable).parent / "solidtouch"
 SHELLS = ("bash", "zsh", "fish")
+PER = ("", "-per-mm", "-per-s")
 
 
 @pytest.fixture
@@ -42,6 +43,8 @@ def completed(monkeypatch, capsys):
         ("solidtouch simulate --preset mo", ["model"]),
         ("solidtouch emulate --preset id", ["ideal"]),
         ("solidtouch perceive model.nc --rig rep", ["replay:"]),
+        ("solidtouch perceive model.nc --move info-w", [f"info-w{w}{p}" for w in ("hat", "here") for p in PER]),
+        ("solidtouch perceive model.nc --stop e", ["error:", "each-error:"]),
         ("solidtouch fit my_models.p", []),
         ("solidtouch fit --model my_models.p", []),
     ],

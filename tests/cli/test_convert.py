@@ -160,7 +160,7 @@ def test_options_that_do_not_go_together_write_nothing(options, message, stream,
 def test_the_output_is_checked_before_the_input_is_read(tmp_path):
     (tmp_path / "old.nc").write_text("precious")
     for out, message in (
-        ("old.nc", r"already exists; set force \(--force\) to overwrite it"),
+        ("old.nc", r"already exists; use --force to overwrite it"),
         ("taps.npz", "must end in .nc"),
         ("no/taps.nc", "no folder"),
     ):
@@ -194,7 +194,7 @@ def test_missing_samples_of_a_map_are_kept_where_they_may_be(tmp_path):
 
 def test_a_recording_of_another_layout_is_told_how_to_go_on(tmp_path):
     (tmp_path / "a.csv").write_text("press;f1;f2\n1;0.5;3\n")
-    with pytest.raises(InputError, match=r"missing column what.*see convert --look"):
+    with pytest.raises(InputError, match=r"missing column what.*solidtouch convert --look shows what is there\.$"):
         run("convert", tmp_path / "a.csv", tmp_path / "a.nc")
 
 

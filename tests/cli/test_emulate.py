@@ -105,6 +105,13 @@ def test_the_faults_are_listed_without_a_folder(command):
     assert "32" in done.out
 
 
+@pytest.mark.parametrize(("folder", "problem"), [("none", "no such folder"), ("", "not the folder of an emulator")])
+def test_orders_to_a_folder_without_an_emulator_name_it(folder, problem, command, tmp_path):
+    done = command("emulate", "fault", tmp_path / folder, "freeze")
+
+    assert (done.code, f"{tmp_path / folder}: {problem}" in done.err) == (2, True)
+
+
 @pytest.mark.parametrize(
     ("options", "sentence"),
     [
@@ -112,7 +119,7 @@ def test_the_faults_are_listed_without_a_folder(command):
         (["--fault", "jump"], "Unknown fault 'jump'"),
         (["--fault", "late:delay_s"], "--fault late:delay_s: expected key=value, got 'delay_s'"),
         (["--fault", "late:times=many"], "--fault late:times=many: invalid parameters."),
-        (["--sensor", "eye"], "Invalid value for '--sensor'"),
+        (["--sensor", "eye"], "--sensor is wrong: 'eye' is not one of"),
     ],
 )
 def test_what_cannot_be_emulated_is_said(command, tmp_path, options, sentence):

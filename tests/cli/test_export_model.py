@@ -128,7 +128,7 @@ def test_a_file_is_replaced_by_force_only(make_taps, tmp_path, command):
     single = model.with_suffix(".h").read_text(encoding="utf-8")
 
     assert done.code == 2
-    assert "model.h: already exists; set force (--force) to overwrite it" in done.err
+    assert "model.h: already exists; use --force to overwrite it" in done.err
     assert command(*words, "--force").code == 0
     assert "SOLIDTOUCH_REAL float\n" in single
     assert "SOLIDTOUCH_REAL double\n" in model.with_suffix(".h").read_text(encoding="utf-8")

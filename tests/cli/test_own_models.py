@@ -98,7 +98,7 @@ def test_a_fit_shows_its_steps_and_leaves_nothing_when_it_is_interrupted(run, mo
     told = run("fit session-0.nc --model my_models.py:walk --out walk.nc --force", 130)
 
     assert re.search(r"my_models.py:walk, steps .*20/50", told)
-    assert "interrupted; all files written are complete" in told
+    assert "interrupted; no file is left incomplete" in told
     assert Path("walk.nc").read_bytes() == b"earlier"
     assert not [path for path in Path().iterdir() if "walk" in path.name and path.name != "walk.nc"]
 

@@ -590,7 +590,7 @@ def test_a_signal_ends_an_episode(command, folder, monkeypatch):
     assert [record["tap"] for record in records(done.out)] == [1, 2]
     assert done.code == 143
     assert "Traceback" not in done.err
-    assert done.err.splitlines()[-1] == "solidtouch: interrupted; all files written are complete."
+    assert done.err.splitlines()[-1] == "solidtouch: interrupted; no file is left incomplete."
 
 
 def test_a_terminal_gets_pictures(command, folder, monkeypatch):

@@ -31,7 +31,7 @@ def test_every_session_becomes_one_file(tmp_path, capsys):
 def test_existing_files_are_kept_unless_forced(tmp_path):
     """One file in the way stops the command before it writes any."""
     (tmp_path / "session-1.nc").write_text("mine")
-    with pytest.raises(InputError, match=r"session-1\.nc: already exists; set force \(--force\)"):
+    with pytest.raises(InputError, match=r"session-1\.nc: already exists; use --force"):
         simulate(tmp_path, sessions=2)
 
     assert [tmp_path / "session-1.nc"] == list(tmp_path.iterdir())

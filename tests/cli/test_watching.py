@@ -139,7 +139,7 @@ def test_the_page_of_a_running_program_says_what_it_prints_and_stops_it(running)
     assert len(rows) in {len(shown), len(shown) - 1}  # the last one may have been on its way to the printer
     assert [{key: own[key] for key in row} for own, row in zip(shown, rows, strict=False)] == rows
     assert program.returncode == 130
-    assert "interrupted; all files written are complete" in err
+    assert "interrupted; no file is left incomplete" in err
 
 
 def read_all(read):

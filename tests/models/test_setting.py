@@ -48,7 +48,7 @@ def test_the_whole_setting_differs_from_the_default_everywhere():
 
 def test_files_are_replaced_by_force_only(tmp_path):
     WHOLE.save(tmp_path / "a.json")
-    with pytest.raises(InputError, match=r"a\.json: already exists; set force \(--force\) to overwrite it"):
+    with pytest.raises(InputError, match=r"a\.json: already exists; use --force to overwrite it"):
         Setting().save(tmp_path / "a.json")
     Setting().save(tmp_path / "a.json", force=True)
 

@@ -108,7 +108,7 @@ def test_existing_files_are_kept_without_force(tmp_path):
     """The message names the option that overwrites."""
     (tmp_path / "a").write_text("old")
     with (
-        pytest.raises(InputError, match=r"a: already exists; set force \(--force\) to overwrite it"),
+        pytest.raises(InputError, match=r"a: already exists; use --force to overwrite it"),
         complete_file(tmp_path / "a"),
     ):
         pytest.fail("the block is entered")
@@ -378,7 +378,7 @@ def test_an_empty_folder_is_taken(tmp_path):
 def test_folders_that_hold_something_are_refused(tmp_path):
     """So are files."""
     (tmp_path / "a").touch()
-    with pytest.raises(InputError, match=r"already exists; set force \(--force\) to overwrite the files in it"):
+    with pytest.raises(InputError, match=r"already exists; use --force to overwrite the files in it"):
         check_folder(tmp_path)
     with pytest.raises(InputError, match="a: is a file, expected a folder"):
         check_folder(tmp_path / "a", force=True)

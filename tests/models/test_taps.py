@@ -110,7 +110,7 @@ def test_an_existing_file_is_overwritten_only_by_force(make_taps, tmp_path):
     path = tmp_path / "a.nc"
     make_taps(repeats=1).save(path)
     before = path.read_bytes()
-    with pytest.raises(InputError, match=r"already exists; set force \(--force\) to overwrite it"):
+    with pytest.raises(InputError, match=r"already exists; use --force to overwrite it"):
         make_taps().save(path)
     assert path.read_bytes() == before
 

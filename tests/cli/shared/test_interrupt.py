@@ -107,7 +107,7 @@ def test_a_command_interrupted_before_it_begins_says_so(module, tmp_path):
     done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False)
 
     assert done.returncode == 130
-    assert done.stderr == "solidtouch: interrupted; all files written are complete.\n"
+    assert done.stderr == "solidtouch: interrupted; no file is left incomplete.\n"
     assert not (tmp_path / "data").exists()
 
 
@@ -120,7 +120,7 @@ def test_an_interrupt_before_a_command_is_found_says_so(monkeypatch, capsys):
         main.run()
 
     assert stopped.value.code == 130
-    assert capsys.readouterr().err == "solidtouch: interrupted; all files written are complete.\n"
+    assert capsys.readouterr().err == "solidtouch: interrupted; no file is left incomplete.\n"
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])

@@ -145,5 +145,5 @@ def test_nobody_waits_for_threads_after_an_interrupt(work):
     done = subprocess.run([sys.executable, "-c", LONG.format(work=work)], capture_output=True, text=True, check=False)
 
     assert done.returncode == 130
-    assert done.stderr == "solidtouch: interrupted; all files written are complete.\n"
+    assert done.stderr == "solidtouch: interrupted; no file is left incomplete.\n"
     assert time.monotonic() - start < 30

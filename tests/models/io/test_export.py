@@ -165,9 +165,9 @@ def test_given_tables_have_no_netcdf_file(tmp_path, make_model):
 
 
 DAMAGE = {
-    "no format": ({"format": ...}, "not an exported model: key format is not 1"),
-    "another format": ({"format": 2}, "not an exported model: key format is not 1"),
-    "a case": ({"kind": ...}, "or key kind is missing"),
+    "no format": ({"format": ...}, "not a model but a JSON object with the keys"),
+    "another format": ({"format": 2}, "not a model but a JSON object with the keys"),
+    "a case": ({"kind": ...}, "not a model but a JSON object with the keys"),
     "no sizes": ({"K": ...}, "missing key K"),
     "a size in words": ({"L": "3"}, "L must be an integer of at least 1, got '3'"),
     "another size": ({"L": 4}, "grid has 3 x 4 classes, but L and M are 4 and 4"),
@@ -227,7 +227,10 @@ def test_impossible_tables_are_refused(tmp_path, make_model):
         ("[1]", "not a JSON object"),
         ('{"format": 1', "not JSON"),
         ('{"L": 1, "L": 2}', "repeated key L"),
-        ('{"format": 1, "threshold": 0.9}', "not an exported model"),
+        (
+            '{"format": 1, "threshold": 0.9}',
+            "not a model but a JSON object with the keys format, threshold; a model is",
+        ),
     ],
 )
 def test_what_is_no_exported_model_is_refused(tmp_path, text, message):
