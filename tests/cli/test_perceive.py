@@ -266,8 +266,8 @@ def test_the_picture_is_kept(command, folder, tmp_path):
         (["--save-episode", "none/e.json"], "none/e.json: cannot write: no folder none"),
         (["--view-port", "8000"], "--view-port requires --view"),
         (["--no-browser"], "--no-browser requires --view"),
-        (["--view", "--view-port", "70000"], "should be less than or equal to 65535"),
-        (["--pace", "-1"], "should be greater than or equal to 0"),
+        (["--view", "--view-port", "70000"], "--view-port must be at most 65535, got 70000"),
+        (["--pace", "-1"], "--pace must be at least 0, got -1"),
         (["--engine", "numpyro", "--border", "prior"], "not a Markov kernel"),
     ],
 )
