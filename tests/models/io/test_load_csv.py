@@ -73,7 +73,7 @@ def test_other_columns_are_kept_as_numbers_or_text(tmp_path):
 BAD = {
     "empty": ("", "the file is empty"),
     "header only": (HEADER, "no rows below the header"),
-    "no object": ("tap,taxel_1\n0,1\n", r"line 1: missing column what; columns, split at commas: tap, taxel_1\."),
+    "no object": ("tap,taxel_1\n0,1\n", r"line 1: missing column what; columns, split at commas: tap, taxel_1;"),
     "semicolons": (
         "tap;what;taxel\n0;a;1\n",
         "line 1: missing column what; columns, split at commas: tap;what;taxel",
