@@ -79,10 +79,17 @@ def measured(works: Sequence[Work], quick: bool, before: Path | None, out: Path)
 
 def _timed(work: Work, programs: dict[str, dict[str, str]], folders: dict[str, Path]) -> tuple[Timed, dict[str, float]]:
     runs: dict[str, list[Spent]] = {"now": [], "before": []}
-    words = {name: called(work, paths) for name, paths in programs.items() if name == "now" or not work.new}
+    words = {name: called(work, paths) for name, paths in programs.items()}
     for turn in range(work.rounds + 1):
         for name in list(words)[:: 1 if turn % 2 else -1]:
-            took = spent(words[name], folders[name], inside=bool(work.inside))
+            try:
+                took = spent(words[name], folders[name], inside=bool(work.inside))
+            except RuntimeError as error:
+                if name == "now":
+                    raise
+                print(f"Left out, the older state fails: {error}", file=sys.stderr)
+                del words[name]
+                continue
             if turn or work.rounds == 1:  # the first fills caches, which hardly matter to a command measured once
                 runs[name].append(took)
         if work.rounds == 1:

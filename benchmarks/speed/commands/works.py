@@ -28,7 +28,6 @@ class Work(NamedTuple):
         quick: Further arguments that make it short; `None` if nothing does.
         most_bytes: The most memory it may take.
         inside: The function of which the program tells the seconds, as `file:name`; empty for the whole program.
-        new: Whether older installations do not know it.
     """
 
     name: str
@@ -38,7 +37,6 @@ class Work(NamedTuple):
     quick: tuple[str, ...] | None = ()
     most_bytes: float | None = None
     inside: str = ""
-    new: bool = False
 
 
 def _command(*words: str) -> tuple[str, ...]:
@@ -64,7 +62,6 @@ WORKS = (
         6.7,
         3,
         ("--trials", "100"),
-        new=True,
     ),
     Work(
         "`compare` of three models, 2 x 1600 taps",
@@ -86,7 +83,6 @@ WORKS = (
         20,
         3,
         ("--models", "gaussian", "--trials", "100"),
-        new=True,
     ),
     Work(
         "`strategies`",
