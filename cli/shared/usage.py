@@ -57,7 +57,7 @@ def _sentence(error: Any) -> str:
 def _details(error: Any) -> dict[str, Any] | None:
     """What pydantic says about a value that it refused, if it did."""
     listed: Any = getattr(error.__cause__, "errors", None)
-    return listed()[0] if callable(listed) else None
+    return None if listed is None else listed()[0]
 
 
 def _wanted(details: dict[str, Any]) -> str:
