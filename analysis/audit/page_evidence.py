@@ -71,7 +71,7 @@ def _taxels(audit: Audit, found: Row) -> Iterator[Block]:
         "hypothesis that taxels are independent of each other but may each drift slowly along the session: contrasts "
         "of three neighbouring taps, which cancel linear trends, were permuted. “p, taps exchangeable” tests the null "
         "hypothesis that the order of the taps of a class and session is arbitrary, so independent taxels that drift "
-        f"reject it too. Pairs are those significant at a false discovery rate of 5% (by contrasts where these exist)."
+        "reject it too. Pairs are those significant at a false discovery rate of 5% (by contrasts where these exist)."
         f"{dead * bool(found['dead'])}"
     )
     heads = ["test", "mean absolute effect", "permuted taps", "pairs found", "p, taxels may drift"]

@@ -1,7 +1,6 @@
 """Commands are timed as whole processes, their time is divided into stages, and the page keeps what is not measured."""
 
 import json
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -9,11 +8,12 @@ from pathlib import Path
 import pytest
 
 from benchmarks.page import check_block, write_block
+from benchmarks.speed.commands import run
 from benchmarks.speed.commands.process import Spent, spent
 from benchmarks.speed.commands.run import BLOCK, page, revision
 from benchmarks.speed.commands.stages import EXIT, functions, shares, stacks, stage
 from benchmarks.speed.commands.table import Timed, stored
-from benchmarks.speed.commands.works import GIB, WORKS, installed
+from benchmarks.speed.commands.works import GIB, WORKS, Work, installed
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "performance.md"
 BUSY = """
@@ -53,6 +53,27 @@ def test_a_program_may_tell_its_own_time(tmp_path):
 def test_a_command_that_fails_ends_the_measurement(tmp_path):
     with pytest.raises(RuntimeError, match=r"ended with exit code 3:\nwhy"):
         spent([sys.executable, "-S", "-c", "print('why'); raise SystemExit(3)"], tmp_path)
+
+
+def test_an_older_state_that_fails_a_command_is_left_out_of_its_row(monkeypatch):
+    """Also if it fails in a later round; this state may not fail."""
+    runs = {"old": 0, "new": 0}
+
+    def spend(words, *_, **__):
+        runs[words[0]] += 1
+        if words[0] == "old" and runs["old"] > 2:
+            raise RuntimeError("no such option")
+        return Spent(1.0, 1.0, 1, 0.0)
+
+    monkeypatch.setattr(run, "spent", spend)
+    monkeypatch.setattr(run, "stacks", lambda *_: {("a.py:f",): 1.0})
+    work = Work("x", ("solidtouch", "x"), 1, 3)
+    now, old = {"solidtouch": "new"}, {"solidtouch": "old"}
+    timed, _ = run._timed(work, {"now": now, "before": old}, {"now": Path(), "before": Path()})
+
+    assert (len(timed.now), len(timed.before), runs) == (3, 0, {"old": 3, "new": 4})
+    with pytest.raises(RuntimeError, match="no such option"):
+        run._timed(work, {"now": old}, {"now": Path()})
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the processor times of threads are read from /proc")
@@ -133,7 +154,7 @@ def test_an_installation_without_the_command_is_refused(tmp_path):
 def test_commands_are_measured_into_the_page(tmp_path):
     """In quick sizes, with another installation, here the same one."""
     document = tmp_path / "performance.md"
-    shutil.copyfile(PAGE, document)
+    document.write_text(f"<!-- begin {BLOCK} -->\n<!-- end {BLOCK} -->\n", encoding="utf-8")
     before = tmp_path / "before"
     before.mkdir()
     (before / ".venv").symlink_to(sys.prefix)

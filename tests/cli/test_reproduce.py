@@ -15,6 +15,7 @@ import pytest
 import xarray as xr
 from solidtouch.analysis.experiment.crosscheck import crosscheck_model
 from solidtouch.analysis.experiment.study import study
+from solidtouch.analysis.page import ahead
 from solidtouch.models.errors import InputError
 from solidtouch.models.seeds import data_set_seed
 from solidtouch.models.setting_file import Setting
@@ -32,12 +33,12 @@ def summary_of(folder):
 def test_simulated_data_give_the_whole_folder(command, tmp_path, sketched, monkeypatch):
     """Figures in both formats, every curve with its interval, a summary and one page, and nothing else.
 
-    Routes are compared on short episodes, as on long ones in tests of the cross-check.
+    Routes are compared on short episodes, as on long ones in tests of the cross-check; figures are drawn meanwhile.
     """
     asked = {}
 
     def compared(*models, **more):
-        asked.update(more)
+        asked.update(more, begun=len(ahead._AHEAD.get().begun))
         return crosscheck_model(*models, **{**more, "episodes": 2, "length": 5, "sequence_taps": 0})
 
     monkeypatch.setattr("solidtouch.analysis.reproduce.results.crosscheck_model", compared)
@@ -63,7 +64,7 @@ def test_simulated_data_give_the_whole_folder(command, tmp_path, sketched, monke
         for name in ("what_error", "where_error", "taps"):
             assert row[f"{name}_low"] <= row[name] <= row[f"{name}_high"]
     assert summary["crosscheck"]["passed"]
-    assert (asked["episodes"], asked["sequence_taps"]) == (4, 8)
+    assert (asked["episodes"], asked["sequence_taps"], asked["begun"]) == (4, 8, 1)
     assert summary["fixation"] == {"index": 7, "value": 7.5}
     with xr.open_datatree(tmp_path / "run" / "results.nc", engine="h5netcdf") as tree:
         assert tree["active/by_fixation"]["what_error_low"].dims == ("place", "theta")

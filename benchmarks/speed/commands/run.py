@@ -89,6 +89,7 @@ def _timed(work: Work, programs: dict[str, dict[str, str]], folders: dict[str, P
                     raise
                 print(f"Left out, the older state fails: {error}", file=sys.stderr)
                 del words[name]
+                runs[name].clear()
                 continue
             if turn or work.rounds == 1:  # the first fills caches, which hardly matter to a command measured once
                 runs[name].append(took)
