@@ -37,11 +37,12 @@ def _start(folder: str, inside: str) -> None:
     def sample() -> None:
         idents = {str(thread.native_id): thread.ident for thread in threading.enumerate()}
         frames = sys._current_frames()
+        del frames[sampler.ident]  # this one, which would keep itself, and the arrays of all others with it
         counts = not inside or any(call.endswith(inside) for call in _calls(frames.get(main.ident)))
         for task in os.listdir("/proc/self/task"):  # noqa: PTH208
             ident = idents.get(task, main.ident)
             nanoseconds = since(task)
-            if counts and nanoseconds and ident in frames and ident != sampler.ident:
+            if counts and nanoseconds and ident in frames:
                 counted[_calls(frames[ident])] += nanoseconds
 
     def work() -> None:
