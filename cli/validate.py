@@ -6,13 +6,14 @@ import typer
 from typer import Option
 
 from .shared.interrupt import loading
-from .shared.options import Seed
+from .shared.options import Seed, Workers
 from .shared.report import show_page
 
 
 def validate(
     seed: Seed = 0,
     verbose: Annotated[bool, Option("--verbose", help="Print the duration of each check.")] = False,
+    workers: Workers = None,
 ) -> None:
     """Check this installation against exact answers, in about half a minute; exit code 1 if a check fails."""
     with loading():
@@ -20,7 +21,7 @@ def validate(
     from .shared.progress import bars
 
     with bars() as progress:
-        report = study(seed, seconds=verbose, progress=progress)
+        report = study(seed, seconds=verbose, workers=workers, progress=progress)
     show_page(report)
     if not report.passed:
         raise typer.Exit(1)

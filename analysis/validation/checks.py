@@ -1,11 +1,12 @@
 """Checks of this installation that need no data: engines against exact cases, calibration of beliefs."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple
 
 from ...hardware.simulator.session import simulate_session
 from ...hardware.simulator.settings import preset
 from ...models.measurement.histogram import fit
-from ...models.progress import Progress
 from ..conformance.catalogue import catalogue
 from ..conformance.routes import ROUTES
 from ..conformance.run import run_route
@@ -13,43 +14,41 @@ from ..conformance.verdict import Verdict, described
 from ..correctness.sbc import LEVEL, SHORT, calibrate
 from ..experiment.crosscheck import CrossCheck, crosscheck_model
 from ..experiment.sources import right_model
-from ..page.stages import Check, counted, timed_check
+from ..page.stages import Check, timed_check
 
 _EPISODES, _TAPS = 4, 20
 _CALLED = {"arrays": "Monte Carlo in arrays", "cpu": "Monte Carlo trials"}
 
 
-def check_routes(progress: Progress, seed: int = 0) -> Check:
-    """All routes on simulated taps of preset `paper`, compared."""
-    return timed_check("all routes", "each other, on simulated taps", lambda: _routes(progress, seed))
+class Planned(NamedTuple):
+    """A check that is to be done, and what finds its answer with a random seed."""
+
+    name: str
+    against: str
+    find: Callable[[int], tuple[str, bool]]
 
 
-def check_engines(progress: Progress) -> Iterator[Check]:
-    """All cases on each engine, one after the other."""
-    for route in ROUTES:
-        yield timed_check(f"engine {route}", "60-digit arithmetic", lambda route=route: _conformance(progress, route))
+def checks() -> list[Planned]:
+    """All routes compared, all cases on each engine, and a short calibration of each route in `SHORT`."""
+    return [
+        Planned("all routes", "each other, on simulated taps", _routes),
+        *(Planned(f"engine {route}", "60-digit arithmetic", partial(_conformance, route)) for route in ROUTES),
+        *(
+            Planned(f"beliefs, {_CALLED.get(route, f'engine {route}')}", "truth, on drawn episodes", work)
+            for route, work in ((route, partial(_calibration, route, trials)) for route, trials in SHORT.items())
+        ),
+    ]
 
 
-def check_beliefs(progress: Progress, seed: int = 0) -> Iterator[Check]:
-    """A short calibration of each route in `SHORT`."""
-    for route, trials in SHORT.items():
-        work = _calibration(progress, route, trials, seed)
-        yield timed_check(f"beliefs, {_CALLED.get(route, f'engine {route}')}", "truth, on drawn episodes", work)
+def checked(check: Planned, seed: int) -> Check:
+    """Does a check."""
+    return timed_check(check.name, check.against, partial(check.find, seed))
 
 
-def _routes(progress: Progress, seed: int) -> tuple[str, bool]:
+def _routes(seed: int) -> tuple[str, bool]:
     train, test = (simulate_session(preset("paper"), seed, session) for session in (0, 1))
     model = fit(train, train.grid())
-    advance = progress("Cross-check", _EPISODES)
-    found = crosscheck_model(
-        model,
-        model.usable(test),
-        train=train,
-        episodes=_EPISODES,
-        length=_TAPS,
-        seed=seed,
-        progress=lambda: advance(1),
-    )
+    found = crosscheck_model(model, model.usable(test), train=train, episodes=_EPISODES, length=_TAPS, seed=seed)
     return _differences(found), found.passed
 
 
@@ -59,19 +58,13 @@ def _differences(found: CrossCheck) -> str:
     return f"posteriors within {largest:.1e}, {choices} decisions and moves differ"
 
 
-def _calibration(progress: Progress, route: str, trials: int, seed: int) -> Callable[[], tuple[str, bool]]:
-    def work() -> tuple[str, bool]:
-        advance = progress(f"Calibration, {route}", 2 * trials)
-        found = calibrate(right_model(seed), {route: trials}, level=LEVEL / len(SHORT), seed=seed, progress=advance)
-        return f"{len(found.failed)} of {found.tests} tests on {2 * trials} episodes fail", found.passed
-
-    return work
+def _calibration(route: str, trials: int, seed: int) -> tuple[str, bool]:
+    found = calibrate(right_model(seed), {route: trials}, level=LEVEL / len(SHORT), seed=seed)
+    return f"{len(found.failed)} of {found.tests} tests on {2 * trials} episodes fail", found.passed
 
 
-def _conformance(progress: Progress, route: str) -> tuple[str, bool]:
-    cases = list(catalogue().values())
-    advance = progress(f"Conformance, {route}", len(cases))
-    verdicts = list(counted(run_route(route, cases), advance))
+def _conformance(route: str, _seed: int) -> tuple[str, bool]:
+    verdicts = list(run_route(route, list(catalogue().values())))
     wrong = [verdict for verdict in verdicts if verdict.status not in ("pass", "left out")]
     passed, left = _count(verdicts, "pass"), _count(verdicts, "left out")
     asked = f"{passed} of {len(verdicts) - left} cases pass"

@@ -5,11 +5,14 @@ from dataclasses import dataclass
 import xarray as xr
 
 from ...models.progress import Progress, no_progress
+from ...models.threads import cores
 from ..page.labelled import labelled
 from ..page.page import Brief, Page, Table
 from ..page.report import Report
 from ..page.stages import Check
-from .checks import check_beliefs, check_engines, check_routes
+from ..tasks.crew import ONE_BY_ONE, on_runner
+from ..tasks.local import in_processes
+from .checks import checked, checks
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -51,13 +54,19 @@ class ValidationReport(Report):
         return labelled(rows, ["check"], {"seconds": "s"}).drop_vars("name")
 
 
-def validate(seed: int = 0, *, seconds: bool = False, progress: Progress = no_progress) -> ValidationReport:
-    """Cross-check, conformance and a short calibration, in a minute or two.
+def validate(
+    seed: int = 0, *, seconds: bool = False, workers: int | None = None, progress: Progress = no_progress
+) -> ValidationReport:
+    """Cross-check, conformance and a short calibration, in half a minute.
 
     Args:
         seed: Random seed of simulated taps and drawn episodes.
         seconds: Whether the printed table shows how long each check took.
-        progress: Called with the name and size of every stage; returns the function that advances it.
+        workers: Number of processes; 1 is this one, `None` one per core.
+        progress: Called with the name and number of the checks; returns the function that advances it.
     """
-    found = check_routes(progress, seed), *check_engines(progress), *check_beliefs(progress, seed)
-    return ValidationReport(found, seconds)
+    processes = cores(workers)
+    crew = ONE_BY_ONE if processes == 1 else on_runner(in_processes(processes))
+    planned = checks()
+    found = crew(checked, planned, seed, progress("Checks", len(planned)))
+    return ValidationReport(tuple(found), seconds)

@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 from matplotlib.figure import Figure
 from solidtouch.analysis.experiment.crosscheck import CrossCheck, RouteDifference
-from solidtouch.analysis.page.stages import Check
+from solidtouch.analysis.validation.checks import Planned
 
 import solidtouch as st
 
@@ -207,19 +207,16 @@ def test_a_crosscheck_of_models_that_cannot_be_fitted_says_why(make_taps):
 def test_a_validation_prints_what_the_command_does(command, monkeypatch):
     """With checks that take no time."""
     monkeypatch.setenv("COLUMNS", "110")
-    routes, engine = (Check(name, "each other", "nothing differs", True, 1.0) for name in ("all routes", "engine"))
-    beliefs = Check("beliefs", "truth", "3 of 9 tests fail", False, 2.0)
-    place = "solidtouch.analysis.validation.report"
-    monkeypatch.setattr(f"{place}.check_routes", lambda _progress, _seed: routes)
-    monkeypatch.setattr(f"{place}.check_engines", lambda _progress: [engine])
-    monkeypatch.setattr(f"{place}.check_beliefs", lambda _progress, _seed: [beliefs])
+    found = dict.fromkeys(("all routes", "engine"), ("nothing differs", True)) | {"beliefs": ("3 of 9 fail", False)}
+    planned = [Planned(name, "each other", lambda _seed, name=name: found[name]) for name in found]
+    monkeypatch.setattr("solidtouch.analysis.validation.report.checks", lambda: planned)
     for words, options in (((), {}), (("--verbose",), {"seconds": True})):
-        done, report = command("validate", *words), st.validate(**options)
+        done, report = command("validate", "--workers", 1, *words), st.validate(workers=1, **options)
         assert done.code == 1
         assert done.out.rstrip() == repr(report)
         assert ("seconds" in done.out) == bool(options)
     assert repr(report).endswith("1 of 3 checks FAILED: beliefs.")
-    assert report.checks["seconds"].values.tolist() == [1.0, 1.0, 2.0]
+    assert report.checks["check"].values.tolist() == [*found]
     assert report.checks["passed"].sel(check="beliefs").item() is report.passed is False
 
 

@@ -1,5 +1,6 @@
 """`validate`: all is well where all is well, and what is not is named."""
 
+import pickle
 from dataclasses import replace
 
 import pytest
@@ -27,11 +28,11 @@ def short(monkeypatch, cases):
     monkeypatch.setattr(checks, "catalogue", lambda: cases)
     monkeypatch.setattr(checks, "SHORT", {"filter": 60, "cpu": 60})
     monkeypatch.setattr(checks, "ROUTES", ("numpy", "montecarlo"))
-    monkeypatch.setattr(checks, "_routes", lambda _stage, _seed: ("nothing differs", True))
+    monkeypatch.setattr(checks, "_routes", lambda _seed: ("nothing differs", True))
 
 
 def test_every_check_passes_and_the_last_line_says_so(short):
-    done = CliRunner().invoke(app, ["validate"])
+    done = CliRunner().invoke(app, ["validate", "--workers", "1"])
 
     assert done.exit_code == 0, done.output
     assert done.output.splitlines()[-1] == "All 5 checks passed."
@@ -48,7 +49,7 @@ def test_an_engine_that_is_wrong_is_named_with_its_first_case(short, monkeypatch
             yield replace(answer, values={**answer.values, **off})
 
     monkeypatch.setattr(run.routes, "answers", wrong)
-    done = CliRunner().invoke(app, ["validate"])
+    done = CliRunner().invoke(app, ["validate", "--workers", "1"])
 
     assert done.exit_code == 1
     assert done.output.splitlines()[-1] == "1 of 5 checks FAILED: engine numpy."
@@ -64,10 +65,19 @@ def test_beliefs_that_are_too_cautious_are_found(short, monkeypatch):
 
     monkeypatch.setattr(checks, "SHORT", {"filter": 120})
     monkeypatch.setattr(checks, "calibrate", rooted)
-    done = CliRunner().invoke(app, ["validate"])
+    done = CliRunner().invoke(app, ["validate", "--workers", "1"])
 
     assert done.exit_code == 1
     assert done.output.splitlines()[-1] == "1 of 4 checks FAILED: beliefs, engine filter."
+
+
+def test_checks_can_be_sent_to_other_processes():
+    planned = checks.checks()
+
+    sent = pickle.loads(pickle.dumps(planned))  # noqa: S301
+
+    assert [check[:2] for check in sent] == [check[:2] for check in planned]
+    assert len({check.name for check in sent}) == len(sent) == 1 + len(checks.ROUTES) + len(checks.SHORT)
 
 
 @pytest.mark.slow
