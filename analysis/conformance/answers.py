@@ -165,7 +165,7 @@ def _numbers(name: str, value: Any, shape: tuple[int, ...], empty: bool) -> NDAr
         array = np.array(value, dtype=np.float64)  # null becomes NaN
     except (TypeError, ValueError, OverflowError):
         raise BadAnswerError(f"has {name} {_shown(value)}, numbers of shape {list(shape)} are due") from None
-    if array.size == np.prod(shape) and np.squeeze(array).shape == tuple(n for n in shape if n > 1):
+    if array.shape != shape and np.squeeze(array).shape == tuple(n for n in shape if n > 1):
         array = array.reshape(shape)  # some languages write a list of one as a number, and a column as lists in a list
     if array.shape != shape and not (name == "edges" and array.ndim == 2):  # one range per taxel is a usual mistake
         raise BadAnswerError(f"has {name} of shape {list(array.shape)}, {list(shape)} is due")

@@ -71,6 +71,7 @@ class Exact:
         self.L, self.M, self.K, self.J, self.B = case.sizes.values()
         self.prior: Matrix = [[MP.mpf(p) for p in row] for row in case.prior.tolist()]
         self._log_probability = lru_cache(maxsize=None)(self.log_probability)
+        self._exp = lru_cache(maxsize=4096)(MP.exp)  # long episodes repeat few taps
         self._of_bins = lru_cache(maxsize=None)(self.of_bins)
         self._likelihoods = _likelihoods(case, tuple(getattr(type(self), step) for step in self.LIKELIHOOD))
 
@@ -161,7 +162,7 @@ class Exact:
 
     def log_product(self, l: int, m: int, times: Counter[tuple[int, int]]) -> Number:
         """Log of the product over samples and taxels under one class, with how often each bin occurs."""
-        return MP.fsum(n * self._log_probability(l, m, k, b) for (k, b), n in times.items())
+        return MP.fdot((n, self._log_probability(l, m, k, b)) for (k, b), n in times.items())
 
     def step(self, belief: Matrix, move: int, log_likelihood: Matrix) -> tuple[Matrix, Matrix, Number]:
         """Beliefs before and after a tap that follows a move, and the log evidence."""
@@ -171,7 +172,7 @@ class Exact:
     def update(self, belief: Matrix, log_likelihood: Matrix) -> tuple[Matrix, Number]:
         """Posterior and log evidence; Eq. 3 and 4."""
         joint = [
-            [p * MP.exp(log_l) for p, log_l in zip(*rows, strict=True)]
+            [p * self._exp(log_l) for p, log_l in zip(*rows, strict=True)]
             for rows in zip(belief, log_likelihood, strict=True)
         ]
         return self.divided(joint)
