@@ -1,6 +1,7 @@
 """The Tab key completes commands, options, choices, models and presets, and leaves files to the shell."""
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -70,6 +71,12 @@ def test_each_shell_has_a_script(shell, monkeypatch, capsys):
     assert "_SOLIDTOUCH_COMPLETE=complete_" in capsys.readouterr().out
 
 
+def in_shell(shell, script):
+    path = os.pathsep.join([str(PROGRAM.parent), os.environ["PATH"]])
+    environment = os.environ | {"PATH": path}
+    return subprocess.run([shell, "-c", script], env=environment, capture_output=True, text=True, check=True)
+
+
 @pytest.mark.skipif(not Path("/bin/bash").exists(), reason="bash is not installed")
 def test_bash_completes_by_the_script_that_it_is_given():
     """And no library of data is loaded for that."""
@@ -80,12 +87,29 @@ _solidtouch_completion solidtouch
 echo "${COMPREPLY[@]}"
 _SOLIDTOUCH_COMPLETE=complete_bash COMP_WORDS="solidtouch fi" COMP_CWORD=1 PYTHONPROFILEIMPORTTIME=1 solidtouch
 """
-    path = os.pathsep.join([str(PROGRAM.parent), os.environ["PATH"]])
-    done = subprocess.run(
-        ["/bin/bash", "-c", script], env=os.environ | {"PATH": path}, capture_output=True, text=True, check=True
-    )
+    done = in_shell("/bin/bash", script)
 
     assert done.stdout.split() == ["--model", "fit"]
     loaded = {line.rpartition("|")[2].strip() for line in done.stderr.splitlines()}
     assert "solidtouch.cli.fit" in loaded
     assert not loaded & {"xarray", "jax", "numba", "scipy", "pandas"}
+
+
+@pytest.mark.skipif(shutil.which("fish") is None, reason="fish is not installed")
+def test_fish_completes_by_the_script_that_it_is_given():
+    done = in_shell("fish", "_SOLIDTOUCH_COMPLETE=source_fish solidtouch | source; complete -C 'solidtouch fit --mod'")
+
+    assert done.stdout.startswith("--model\t")
+
+
+@pytest.mark.skipif(shutil.which("zsh") is None, reason="zsh is not installed")
+def test_zsh_completes_by_the_script_that_it_is_given():
+    """Which tells `_arguments` what is offered."""
+    script = """
+compdef() {}
+_arguments() { print -r -- $* }
+eval "$(_SOLIDTOUCH_COMPLETE=source_zsh solidtouch)"
+words=(solidtouch fit --mod) CURRENT=3
+_solidtouch_completion
+"""
+    assert '"--model":' in in_shell("zsh", script).stdout
