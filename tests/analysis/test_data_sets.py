@@ -1,6 +1,7 @@
 """Simulated data sets and their trials: neighbouring seeds share nothing."""
 
 import pytest
+from slow_cases import slow_but
 from solidtouch.analysis.experiment.sources import simulated_source
 from solidtouch.analysis.reproduce import report as reproduce
 from solidtouch.analysis.sensitivity import run as sensitivity
@@ -34,7 +35,9 @@ def of_a_right_model(seed):
     return [taps for unit in units for taps in (unit.train, unit.test)]
 
 
-@pytest.mark.parametrize("load", [of_reproduce, of_sensitivity, of_strategies, of_a_right_model])
+@pytest.mark.parametrize(
+    "load", slow_but([of_reproduce, of_a_right_model], [of_reproduce, of_sensitivity, of_strategies, of_a_right_model])
+)
 def test_data_sets_share_no_taps(load):
     """Of one seed or of neighbouring ones; a few taps of four binned samples are equal by chance."""
     digests = [digest for seed in (3, 4) for taps in load(seed) for digest in tap_digests(taps.taps).tolist()]

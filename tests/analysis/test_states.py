@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from numbered_taps import NumberedTaps
+from slow_cases import slow_but
 from solidtouch.analysis.experiment.trial_check import DEVICES, compare_trials
 from solidtouch.analysis.reproduce.examples import belief_cases
 from solidtouch.analysis.stats.contacts import accuracy
@@ -61,7 +62,7 @@ def test_taps_that_no_state_can_give_count_as_wrong():
     assert not row.hits.any()
 
 
-@pytest.mark.parametrize("border", [border for border in BORDERS if border != "prior"])
+@pytest.mark.parametrize("border", slow_but(["uniform"], [border for border in BORDERS if border != "prior"]))
 def test_trials_with_states_are_episodes(model, taps, border):
     """On every device, under every border that knows states."""
     table = tap_table(model, taps)

@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from slow_cases import slow_but
 from solidtouch.analysis.audit import figures_reliability as figure_reliability
 from solidtouch.analysis.audit.guarantees import guarantees
 from solidtouch.analysis.page.figure_style import save
@@ -46,9 +47,7 @@ def wanted(error, target):
     )
 
 
-@pytest.mark.parametrize(
-    "case", [pytest.param(case, marks=[pytest.mark.slow] * (case == "never wrong")) for case in CASES]
-)
+@pytest.mark.parametrize("case", slow_but(("plain", "one place"), CASES))
 def test_figures_are_drawn(case):
     """With a panel for each policy, without a warning."""
     grid, table = CASES[case]

@@ -71,6 +71,7 @@ def told(taps):
     return leakage(taps.select(taps.session < 2), taps.select(taps.session == 2), taps.grid(), pre=2).told
 
 
+@pytest.mark.slow
 def test_leakage_is_the_same(large, parts_only, monkeypatch):
     """Of samples before contact, whole taps, and taps less what comes before contact."""
     found = told(large[1])

@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 import xarray as xr
+from slow_cases import slow_but
 from solidtouch.analysis.compare import figures as figure_compare
 from solidtouch.analysis.compare import figures_decisions
 from solidtouch.analysis.compare.classes import CALIBRATIONS
@@ -100,17 +101,11 @@ def panels(figure):
     return [axes for axes in figure.axes if axes.get_visible()]
 
 
-SEEN = {
-    "curves, ten models",
-    "scores, ten models",
-    "scores, one where",
-    "score differences, endless",
-    "curves, one threshold",
-}
-"""Cases whose kinds of panels another one draws as densely."""
+EACH = "scores, endless", "score differences", "curves", "differences", "miscalibration"
+"""A case of each figure, as dense as most."""
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name in SEEN)) for name in CASES])
+@pytest.mark.parametrize("name", slow_but(EACH, CASES))
 def test_nothing_overlaps(name):
     """Panels with their labels and the key below them stand apart, within the figure, and draw without a warning."""
     figure = drawn(name)

@@ -9,6 +9,7 @@ import numpyro
 import numpyro.distributions as dist
 import pytest
 import xarray as xr
+from slow_cases import slow_but
 from solidtouch.analysis.compare import report as compare_report
 from solidtouch.analysis.compare.report import compare
 from solidtouch.analysis.tasks.crew import on_runner
@@ -103,7 +104,9 @@ def test_absolute_log_probabilities_of_taps_would_have_no_weights(report):
     assert np.ptp(table["weight"]) < 0.01
 
 
-@pytest.mark.parametrize(("unit", "other"), [("position", "object"), ("object", "position")])
+@pytest.mark.parametrize(
+    ("unit", "other"), slow_but([("position", "object")], [("position", "object"), ("object", "position")])
+)
 def test_new_positions_and_objects_have_a_table_of_their_own(make_taps, unit, other):
     """What is predicted, with what units, and what a tap tells of the other kind."""
     taps = make_taps(L=3, M=2, J=6, K=2, sessions=2, repeats=6)

@@ -19,6 +19,7 @@ from foreign_programs import (
     tap_lines,
     wrong_keys,
 )
+from slow_cases import slow_but
 
 
 def test_programs_agree_with_the_reference(program, kit):
@@ -137,7 +138,12 @@ def refused():
     return refuse
 
 
-@pytest.mark.parametrize("name", BAD_INPUTS)
+ASKED = [(program, name) for program in ("c", "js") for name in BAD_INPUTS]
+IN_TURN = [(("c", "js")[i % 2], name) for i, name in enumerate(BAD_INPUTS)]
+"""Each bad input once, by one program and by the other."""
+
+
+@pytest.mark.parametrize(("program", "name"), slow_but(IN_TURN, ASKED), indirect=["program"])
 def test_bad_input_is_refused_with_a_sentence(program, refused, name):
     """It names the line, and the exit code is 2."""
     done = refused(program, name)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 from scipy.stats import binom
+from slow_cases import slow_but
 from solidtouch.analysis.correctness.page import calibration_page
 from solidtouch.analysis.correctness.sbc import ARRAYS, POLICIES, ROUTES, Calibration, CalibrationRow, calibrate
 from solidtouch.analysis.correctness.sbc_arrays import array_beliefs
@@ -215,10 +216,9 @@ def test_beliefs_are_those_at_their_moments(small, route):
 
 
 SIZES = {"numpy": 150, "numpyro": 80, "filter": 150, ARRAYS: 1500, "cpu": 1500, "xla-cpu": 500}
-SLOW = ("numpyro", "xla-cpu")
 
 
-@pytest.mark.parametrize("route", [pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW)) for name in ROUTES])
+@pytest.mark.parametrize("route", slow_but(("filter", "cpu"), ROUTES))
 def test_every_route_is_calibrated_where_all_is_right(small, route):
     """Passive and active; there are errors enough that it might not be."""
     told: list[int] = []
@@ -233,7 +233,7 @@ def test_every_route_is_calibrated_where_all_is_right(small, route):
     assert all(factor.high - factor.low < 1 for factor in first)
 
 
-@pytest.mark.parametrize("route", ["numpy", "filter", ARRAYS, "cpu", pytest.param("numpyro", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("route", slow_but(("numpy", ARRAYS), ("numpy", "filter", ARRAYS, "cpu", "numpyro")))
 def test_the_root_of_the_likelihood_is_found_in_a_hundred_trials(small, route):
     """Power J where the world has none: decisions are right more often than believed."""
     result = calibrate(small, {route: 120}, believed=replace(small, power="J"), moments=MOMENTS)

@@ -45,7 +45,7 @@ def failed(check):
     return {(row.routes, row.quantity) for row in check.rows if not row.passed}
 
 
-@pytest.mark.parametrize("border", slow_but(("uniform", "prior"), BORDERS))
+@pytest.mark.parametrize("border", slow_but(["prior"], BORDERS))
 def test_right_routes_agree(case, border):
     """Under every border; the one that is no kernel leaves the NumPyro routes out and says so."""
     check = run(case, border=border)
@@ -67,9 +67,11 @@ def test_right_routes_agree(case, border):
     [
         pytest.param((1, 4, 2, 3, 5), {}, marks=pytest.mark.slow),
         pytest.param((4, 1, 2, 3, 5), {}, marks=pytest.mark.slow),
-        ((1, 1, 2, 3, 4), {}),
+        pytest.param((1, 1, 2, 3, 4), {}, marks=pytest.mark.slow),
         ((3, 4, 2, 5, 7), {"untrained": [(1, 1), (0, 2)], "power": "none"}),
-        ((3, 4, 2, 5, 7), {"value_range": "taxel", "power": "JK", "pseudocount": 2.0}),
+        pytest.param(
+            (3, 4, 2, 5, 7), {"value_range": "taxel", "power": "JK", "pseudocount": 2.0}, marks=pytest.mark.slow
+        ),
     ],
 )
 def test_models_of_all_kinds_pass(make_model, sizes, more):

@@ -90,23 +90,19 @@ def test_models_are_what_their_names_say(models, name):
     assert model.trained.sum() == L * M - 1
 
 
-SECOND = "profile-mvn", "smooth", "session:profile"
-"""Models like another one, with each border a slow test."""
-
-
-def by_default(name, border):
-    """Whether `make test` takes it: other models, and every border once without states and once with them."""
-    return name in ("gaussian", "session") or (border == "uniform" and name not in SECOND)
-
-
-PAIRS = [
-    pytest.param(name, border, marks=[] if by_default(name, border) else pytest.mark.slow)
-    for name, border in product(NAMES, BORDERS)
-    if name not in IN_STATES or border != "prior"
+PAIRS = [pair for pair in product(NAMES, BORDERS) if pair[0] not in IN_STATES or pair[1] != "prior"]
+BY_DEFAULT = [
+    ("histogram", "uniform"),
+    ("gaussian", "prior"),
+    ("student", "circular"),
+    ("profile", "uniform_what"),
+    ("session", "uniform"),
+    ("session", "clamp"),
 ]
+"""Every border, two of them in states, and models of every kind that compile in a few seconds."""
 
 
-@pytest.mark.parametrize(("name", "border"), PAIRS)
+@pytest.mark.parametrize(("name", "border"), slow_but(BY_DEFAULT, PAIRS))
 def test_engines_agree_on_every_model(models, taps, name, border):
     """On taps with outliers and moves beyond the range; the posterior moves, and never to the untrained class."""
     model, rng = models[name], np.random.default_rng(3)
@@ -138,7 +134,7 @@ def test_prior_does_not_go_with_states(models, name, engine, message):
         make_engine(engine, models[name], "prior")
 
 
-@pytest.mark.parametrize("name", slow_but(("histogram", "session"), NAMES))
+@pytest.mark.parametrize("name", slow_but(["histogram"], NAMES))
 def test_all_routes_agree_on_every_model(models, taps, name):
     """The whole sequence too, and trials on both devices."""
     check = crosscheck_model(models[name], taps, episodes=2, length=LENGTH, sequence_taps=SEQUENCE)
@@ -167,7 +163,7 @@ def bent(form):
     return form._replace(mean=mean)
 
 
-@pytest.mark.parametrize("name", slow_but(("histogram", "student", "session"), NAMES))
+@pytest.mark.parametrize("name", slow_but(["student"], NAMES))
 def test_an_error_of_a_millionth_in_one_engine_is_found(models, taps, monkeypatch, compiled_loops_alone, name):
     """In the tables of the NumPyro model, of the compiled loops and of the yardstick, on every model."""
     model = models[name]

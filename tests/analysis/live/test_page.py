@@ -7,6 +7,7 @@ from contextlib import contextmanager
 
 import numpy as np
 import pytest
+from slow_cases import slow_but
 from solidtouch.analysis.live.feed import finish_data, serve_saved, start_data
 from solidtouch.analysis.live.fragment import fragment, whole_page
 from solidtouch.analysis.live.saved import encoded, encoded_episodes, recorded
@@ -340,8 +341,11 @@ SIZES = {
 }
 
 
-@pytest.mark.parametrize("name", SIZES)
-@pytest.mark.parametrize(("width", "scheme"), [(420, "dark"), (1600, "light")])
+WINDOWS = [(width, scheme, name) for name in SIZES for width, scheme in ((420, "dark"), (1600, "light"))]
+EACH_SIZE = [(420, "dark", "one"), (1600, "light", "many"), (420, "dark", "taxels"), (1600, "light", "long")]
+
+
+@pytest.mark.parametrize(("width", "scheme", "name"), slow_but(EACH_SIZE, WINDOWS))
 def test_any_size_fits_any_width(page, seen_episodes, name, width, scheme):
     """Nothing is wider than the page, all pictures are drawn, and that takes no longer than a tap."""
     episodes = recorded(*seen_episodes(**SIZES[name]))

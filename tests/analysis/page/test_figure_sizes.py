@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from matplotlib.text import Text
+from slow_cases import slow_but
 from solidtouch.analysis.page.figure_sizes import STYLES, drawn_as, key, new_figure
 from solidtouch.analysis.page.figure_style import label_panel, save_as, styled
 from solidtouch.models.errors import InputError
@@ -96,7 +97,7 @@ def test_an_unknown_style_is_refused():
         pass
 
 
-@pytest.mark.parametrize("kind", ["svg", "pdf", "png"])
+@pytest.mark.parametrize("kind", slow_but(["pdf"], ["svg", "pdf", "png"]))
 def test_the_same_figure_gives_the_same_file(kind, tmp_path):
     """In every format, and the file is of that kind."""
     for name in ("a", "b"):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hostile_names import NAMES, UNIT
 from matplotlib.text import Text
+from slow_cases import slow_but
 from solidtouch.analysis.page.figure_confusion import confusion
 from solidtouch.analysis.page.figure_sizes import new_figure
 from solidtouch.analysis.page.figure_style import save, short, styled
@@ -125,7 +126,7 @@ def shown(page, width):
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed")
-@pytest.mark.parametrize("width", [500, 1600])
+@pytest.mark.parametrize("width", slow_but([500], [500, 1600]))
 def test_a_browser_runs_no_script_of_a_name(page, width):
     """And the page is no wider than the window; wide tables scroll on their own."""
     title, window, content, scripts = shown(page, width)

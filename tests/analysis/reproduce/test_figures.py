@@ -6,6 +6,7 @@ import sys
 import numpy as np
 import pytest
 import xarray as xr
+from slow_cases import slow_but
 from solidtouch.analysis.page.figure_confusion import confusion, row_normalised
 from solidtouch.analysis.page.figure_episodes import BeliefCase, beliefs, trajectories
 from solidtouch.analysis.page.figure_style import axis_label, save, short_unit
@@ -121,15 +122,29 @@ def axis_labels(figure):
 
 
 LARGE = [name for name in CASES if re.search(r"31|66 taxels|many", name)]
+PLAIN = (
+    "pressure without layout",
+    "pressure at one position",
+    "beliefs of one class",
+    "by position, one place",
+    "by fixation, holes",
+    "trajectories",
+    "acuity",
+    "acuity, no where",
+    "confusion",
+    "one contact",
+)
+"""A case of each figure, and what is left out in it."""
+LARGEST = "pressure of many taps", "beliefs of 31 x 31", "trajectories with NaN"
 
 
-@pytest.mark.parametrize("name", sorted({*CASES} - {*LARGE}))
+@pytest.mark.parametrize("name", slow_but(PLAIN, sorted({*CASES} - {*LARGE})))
 def test_figures_are_drawn(name):
     """Without a warning, as far as they are laid out."""
     CASES[name]().draw_without_rendering()
 
 
-@pytest.mark.parametrize("name", [*LARGE, "trajectories with NaN", "acuity, passive only"])
+@pytest.mark.parametrize("name", slow_but(LARGEST, [*LARGE, "trajectories with NaN", "acuity, passive only"]))
 def test_figures_are_written(name, tmp_path):
     """Every figure draws without a warning and is small enough to be mailed."""
     (svg,) = save(CASES[name](), tmp_path, "figure")
@@ -139,7 +154,7 @@ def test_figures_are_written(name, tmp_path):
     assert svg.stat().st_size < 1_500_000
 
 
-@pytest.mark.parametrize("name", ["pressure", "trajectories"])
+@pytest.mark.parametrize("name", slow_but(["pressure"], ["pressure", "trajectories"]))
 def test_the_same_data_give_the_same_bytes(name, tmp_path):
     """A figure drawn and written twice is the same file, and an older one is replaced."""
     first = [path.read_bytes() for path in save(CASES[name](), tmp_path, "figure", most=0)]

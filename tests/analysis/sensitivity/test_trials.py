@@ -1,9 +1,11 @@
 """Trials under any reading: at the defaults those of the compiled loops, elsewhere those of the equations."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
+from slow_cases import slow_but
 from solidtouch.analysis.sensitivity.choices import Reading
 from solidtouch.analysis.sensitivity.trials import play_open
 from solidtouch.hardware.simulator.session import simulate_session
@@ -52,8 +54,17 @@ def assert_same(expected, actual):
         compare(getattr(actual, name), getattr(expected, name), err_msg=name)
 
 
-@pytest.mark.parametrize("theta_x", [0.0, 0.4, 1.0])
-@pytest.mark.parametrize("border", BORDERS)
+EACH_BORDER = [
+    ("uniform", 0.0),
+    ("uniform", 1.0),
+    ("uniform_what", 0.4),
+    ("prior", 1.0),
+    ("clamp", 0.0),
+    ("circular", 0.4),
+]
+
+
+@pytest.mark.parametrize(("border", "theta_x"), slow_but(EACH_BORDER, product(BORDERS, (0.0, 0.4, 1.0))))
 def test_defaults_are_the_compiled_trials(table, plan, border, theta_x):
     """Where the compiled loops know a reading, every number of every trial is theirs."""
     compiled = run_trials(

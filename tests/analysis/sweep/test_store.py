@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from slow_cases import slow_but
 from solidtouch.analysis.sweep.cells import CellGrid
 from solidtouch.analysis.sweep.result import open_sweep
 from solidtouch.analysis.sweep.store import DONE, FAILED, PENDING, QUANTITIES, create_store, locked, read_about
@@ -111,7 +112,7 @@ class _Stop(BaseException):
     """Ends the program as a kill would."""
 
 
-@pytest.mark.parametrize("before", [(), (failed(0),)], ids=["pending", "failed"])
+@pytest.mark.parametrize("before", [pytest.param((), marks=pytest.mark.slow), (failed(0),)], ids=["pending", "failed"])
 def test_a_store_stopped_at_any_file_is_whole(tmp_path, monkeypatch, before):
     """Whatever was moved into place before the end, a cell that counts as done is there at all of its places."""
     replace, moved = Path.replace, 0
@@ -202,7 +203,17 @@ ABOUT = {"study": "", "settings": '{"grid": {}}', "data_keys": "{}", "code": "{}
 
 @pytest.mark.parametrize(
     "change",
-    [{"study": 3}, {"settings": "{}"}, {"settings": "[" * 5000}, {"data_keys": '["a"]'}, {"code": None}, {"code": "{"}],
+    slow_but(
+        [{"study": 3}, {"settings": "[" * 5000}, {"code": "{"}],
+        [
+            {"study": 3},
+            {"settings": "{}"},
+            {"settings": "[" * 5000},
+            {"data_keys": '["a"]'},
+            {"code": None},
+            {"code": "{"},
+        ],
+    ),
 )
 def test_a_store_with_damaged_attributes_is_refused(tmp_path, change):
     make(tmp_path / "s.zarr", **ABOUT)
