@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from slow_cases import slow_but
 from solidtouch.analysis.experiment.crosscheck import crosscheck_model
 from solidtouch.inference.reference import BORDERS
 from solidtouch.inference.trials.records import plan_trials, tap_table
@@ -77,8 +78,19 @@ def test_perceive_ends_with_no_class_left(command, boards, tmp_path):
     assert any(line.get("log_evidence", 0) is None for line in lines)
 
 
-@pytest.mark.parametrize("pattern", ["checkerboard", "half", "one"])
-@pytest.mark.parametrize("name", RECORDED)
+CUTS = [(name, pattern) for name in RECORDED for pattern in ("checkerboard", "half", "one")]
+EACH_SET = [
+    ("barrett_boxes", "checkerboard"),
+    ("barrett_boxes", "one"),
+    ("barrett_ballcyl", "half"),
+    ("barrett_ballcyl", "one"),
+    ("eflesh_grid", "checkerboard"),
+    ("eflesh_grid", "half"),
+]
+"""Each set in which objects were tapped at several positions, with each pattern of holes twice."""
+
+
+@pytest.mark.parametrize(("name", "pattern"), slow_but(EACH_SET, CUTS))
 def test_recorded_sets_with_holes_are_played(shared_data, name, pattern):
     """Under every border, and belief stays in trained classes: no trial is left without a class."""
     taps = load_taps(shared_data / f"{name}.npz")

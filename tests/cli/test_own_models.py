@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from slow_cases import slow_but
 from solidtouch.cli.main import run as run_command
 from solidtouch.models.measurement.generic import fit as fits
 from solidtouch.models.measurement.generic import source
@@ -103,30 +104,33 @@ def test_a_fit_shows_its_steps_and_leaves_nothing_when_it_is_interrupted(run, mo
     assert not [path for path in Path().iterdir() if "walk" in path.name and path.name != "walk.nc"]
 
 
-@pytest.mark.parametrize(
-    ("line", "message"),
-    [
-        ("fit session-0.nc --model my_models.py:nothing --out a.nc", "my_models.py: no function 'nothing'"),
-        ("fit session-0.nc --model none.py:walk --out a.nc", "none.py: no such file"),
-        (f"tune session-0.nc --model none.py:walk --out a.json {CHOSEN}", "none.py: no such file"),
-        (f"audit session-0.nc session-1.nc --models none.py:walk --out a {CHOSEN}", "none.py: no such file"),
-        ("compare session-0.nc session-1.nc --models gaussian,my_models.py:wlak", "my_models.py: no function 'wlak'"),
-        (
-            "fit session-0.nc --model session:my_models.py:shifted --out a.nc",
-            "my_models.py:shifted has latent variables of sessions (shift)",
-        ),
-        (
-            "compare session-0.nc session-1.nc --models gaussian,session:my_models.py:shifted --draws 0 --out a",
-            "my_models.py:shifted has latent variables of sessions (shift)",
-        ),
-        ("fit session-0.nc --model gaussian --fit svi --out a.nc", "--fit svi"),
-        ("fit session-0.nc --model gaussian --steps 900 --out a.nc", "--steps"),
-        (
-            "fit session-0.nc --model my_models.py:walk --steps 9 --out a.nc",
-            "--steps must be an integer of at least 50",
-        ),
-        ("fit session-0.nc --model histogram --fit map --out a.nc", "--fit map"),
-    ],
-)
+UNFIT = [
+    (f"tune session-0.nc --model none.py:walk --out a.json {CHOSEN}", "none.py: no such file"),
+    ("compare session-0.nc session-1.nc --models gaussian,my_models.py:wlak", "my_models.py: no function 'wlak'"),
+    (
+        "fit session-0.nc --model session:my_models.py:shifted --out a.nc",
+        "my_models.py:shifted has latent variables of sessions (shift)",
+    ),
+    ("fit session-0.nc --model gaussian --fit svi --out a.nc", "--fit svi"),
+    ("fit session-0.nc --model gaussian --steps 900 --out a.nc", "--steps"),
+    (
+        "fit session-0.nc --model my_models.py:walk --steps 9 --out a.nc",
+        "--steps must be an integer of at least 50",
+    ),
+]
+UNFIT_AGAIN = [
+    ("fit session-0.nc --model my_models.py:nothing --out a.nc", "my_models.py: no function 'nothing'"),
+    ("fit session-0.nc --model none.py:walk --out a.nc", "none.py: no such file"),
+    (f"audit session-0.nc session-1.nc --models none.py:walk --out a {CHOSEN}", "none.py: no such file"),
+    (
+        "compare session-0.nc session-1.nc --models gaussian,session:my_models.py:shifted --draws 0 --out a",
+        "my_models.py:shifted has latent variables of sessions (shift)",
+    ),
+    ("fit session-0.nc --model histogram --fit map --out a.nc", "--fit map"),
+]
+"""In another command, or of another model."""
+
+
+@pytest.mark.parametrize(("line", "message"), [*UNFIT, *slow_but((), UNFIT_AGAIN)])
 def test_what_cannot_be_fitted_is_refused_in_a_sentence(run, line, message):
     assert message in run(line, 2)

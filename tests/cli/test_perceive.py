@@ -12,6 +12,7 @@ from threading import Thread
 
 import numpy as np
 import pytest
+from slow_cases import slow_but
 from solidtouch.hardware.errors import NoAnswer
 from solidtouch.hardware.simulator.rig import SimulatedRig
 from solidtouch.hardware.simulator.session import simulate_session
@@ -303,7 +304,7 @@ def ahead(folder, session):
     return model, table, tap_outcomes(model.log_likelihood(known.taps))
 
 
-@pytest.mark.parametrize("name", MOVES)
+@pytest.mark.parametrize("name", slow_but(("random", "info-joint-per-mm", "table"), MOVES))
 def test_an_episode_moves_as_the_strategy_says(command, folder, ahead, monkeypatch, name):
     """The moves are those that the strategy has for the beliefs shown; the same command moves the same."""
     model, table, outcomes = ahead
@@ -441,7 +442,7 @@ def fine(folder, session):
     return folder / "fine.nc"
 
 
-@pytest.mark.parametrize("rig", RIGS)
+@pytest.mark.parametrize("rig", slow_but(["simulated"], RIGS))
 def test_a_finer_grid_perceives(command, fine, folder, rig):
     """The simulated rig moves in its steps, from a place between those of coarser ones."""
     words_ = [*words(folder, rig), *["--training-taps"] * (rig == "replayed")]

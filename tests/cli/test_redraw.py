@@ -91,7 +91,7 @@ def test_some_figures_in_another_style_and_format(stored, command, tmp_path):
     ("words", "said"),
     [
         (("fig9",), "the figure 'fig9' cannot be drawn: the file's figures are fig4, "),
-        (("fig3",), "the figure 'fig3' cannot be drawn: it shows recorded taps"),
+        pytest.param(("fig3",), "the figure 'fig3' cannot be drawn: it shows recorded taps", marks=pytest.mark.slow),
     ],
 )
 def test_a_figure_that_cannot_be_drawn_is_named(words, said, stored, command, tmp_path):

@@ -13,6 +13,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from slow_cases import slow_but
 from solidtouch.hardware.emulator.emulated_bench import emulated_bench
 from solidtouch.hardware.emulator.rig_file import write_rig
 from solidtouch.hardware.emulator.service import Service
@@ -243,8 +244,10 @@ def test_a_disk_that_gets_full_stops_a_collection_that_can_go_on(bench, command)
     assert [tap.label.trial for tap in read_rig("a.mcap").taps] == list(range(TAPS))
 
 
-@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-@pytest.mark.parametrize("name", ["collect", "perceive"])
+SIGNALS = [(name, *ends) for name in ("collect", "perceive") for ends in ((signal.SIGINT, 130), (signal.SIGTERM, 143))]
+
+
+@pytest.mark.parametrize(("name", "number", "code"), slow_but([SIGNALS[0], SIGNALS[3]], SIGNALS))
 def test_a_signal_in_the_middle_of_a_press_takes_the_finger_off_and_ends_the_file(
     name, number, code, bench, model, command
 ):

@@ -9,6 +9,7 @@ import warnings
 from pathlib import Path
 
 import pytest
+from slow_cases import slow_but
 from solidtouch.cli.shared import process
 
 
@@ -131,14 +132,14 @@ program()
 """
 
 
-@pytest.mark.parametrize(
-    "work",
-    [
-        "list(in_order([lambda: time.sleep(60)] * 4, 2))",
-        "with other_threads(2) as threads: threads.submit(time.sleep, 60).result()",
-        "with other_threads(1) as threads: list(in_order([lambda: threads.submit(time.sleep, 60).result()] * 4, 2))",
-    ],
-)
+WAITING = [
+    "list(in_order([lambda: time.sleep(60)] * 4, 2))",
+    "with other_threads(2) as threads: threads.submit(time.sleep, 60).result()",
+    "with other_threads(1) as threads: list(in_order([lambda: threads.submit(time.sleep, 60).result()] * 4, 2))",
+]
+
+
+@pytest.mark.parametrize("work", slow_but(WAITING[2:], WAITING))
 def test_nobody_waits_for_threads_after_an_interrupt(work):
     """Though they are in compiled code that hears of nothing."""
     start = time.monotonic()

@@ -4,6 +4,7 @@ import threading
 
 import msgspec
 import pytest
+from slow_cases import slow_but
 from solidtouch.hardware.emulator.shared_clock import SharedClock, SocketConnection
 from solidtouch.hardware.errors import NotAtRest, PortBusy, PortError, RigError, StageFault
 from solidtouch.hardware.journal import NoJournal
@@ -45,7 +46,7 @@ def interrupt():
 
 
 @pytest.mark.parametrize("kind", ["command", "event", "status", "frame"])
-@pytest.mark.parametrize("n", [0, 1, 2, 3, 5, 8, 13, 21])
+@pytest.mark.parametrize("n", slow_but((0, 5, 21), (0, 1, 2, 3, 5, 8, 13, 21)))
 def test_ctrl_c_at_any_moment_leaves_nothing_open(rig_bench, kind, n):
     """In homing, connecting, moving or tapping; a moment that never comes changes nothing."""
     threads = threading.active_count()

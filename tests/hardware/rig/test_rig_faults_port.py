@@ -4,6 +4,7 @@ from itertools import pairwise
 
 import msgspec
 import pytest
+from slow_cases import slow_but
 from solidtouch.hardware.errors import NotAtRest, PortBusy, PortError, PortLost, RigError, WrongDevice
 from solidtouch.hardware.link.port import Port
 
@@ -35,8 +36,10 @@ def assert_only_true_taps(bench, rig, n=4):
             assert bench.deviation(samples) < 3 * bench.settings.sensor.noise_limit
 
 
-@EITHER
-@pytest.mark.parametrize("size", [1, 7])
+SPLITS = [(size, port) for size in (1, 7) for port in PORTS]
+
+
+@pytest.mark.parametrize(("size", "port"), slow_but([(1, "stage"), (7, "sensor")], SPLITS))
 def test_fault_01_split(rig_bench, port, size):
     """Nothing is lost, and nothing is taken for a fault."""
     rig_bench.on("split", port=port, size=size, delay_s=0.0002)
@@ -47,8 +50,12 @@ def test_fault_01_split(rig_bench, port, size):
         assert noticed(rig) == 0
 
 
-@EITHER
-@pytest.mark.parametrize("fault", ["drop_bytes", "merge", "flip_bits"])
+DAMAGED = [(fault, port) for fault in ("drop_bytes", "merge", "flip_bits") for port in PORTS]
+
+
+@pytest.mark.parametrize(
+    ("fault", "port"), slow_but([("drop_bytes", "stage"), ("merge", "sensor"), ("flip_bits", "sensor")], DAMAGED)
+)
 def test_fault_02_03_04_damaged_bytes(rig_bench, port, fault):
     with rig_bench.rig() as rig:
         rig_bench.on(fault, port=port, rate=0.02 if port == "sensor" else 0.2)

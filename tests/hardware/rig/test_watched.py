@@ -4,6 +4,7 @@ import re
 
 import msgspec
 import pytest
+from slow_cases import slow_but
 from solidtouch.hardware.errors import (
     BaselineRefused,
     NoAnswer,
@@ -140,7 +141,7 @@ STATES = {
 }
 
 
-@pytest.mark.parametrize("state", STATES)
+@pytest.mark.parametrize("state", slow_but(("Door", "Check"), STATES))
 def test_a_person_who_stopped_the_controller_reads_how_to_go_on(rig_bench, state):
     """In the words of a connection."""
     pressed, remedy = STATES[state]
