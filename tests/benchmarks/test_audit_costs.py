@@ -109,6 +109,7 @@ def test_outcomes_are_judged_by_fresh_sessions():
     assert found[0.05].covered[:2] == [True, False]
 
 
+@pytest.mark.slow
 def test_a_data_set_of_the_paper_is_played_with_both_policies():
     """Drift makes small errors unreachable for passive perception."""
     study = target

@@ -59,6 +59,7 @@ def report(make_taps):
     return own_models.comparison(own_models.DataSet([taps]), ["histogram", "gaussian"])
 
 
+@pytest.mark.slow
 def test_a_comparison_has_a_row_for_each_model_and_says_where_the_wrong_one_ends(report):
     lines = own_models.compared(report, "gaussian").splitlines()
     cells = [cell.strip() for cell in lines[3].split("|")]
@@ -71,6 +72,7 @@ def test_a_comparison_has_a_row_for_each_model_and_says_where_the_wrong_one_ends
     assert "chance is 0.167" in lines[5]
 
 
+@pytest.mark.slow
 def test_an_episode_is_followed_by_a_second_engine(make_taps):
     taps = make_taps(3, 2, 4, 2, sessions=2, repeats=8)
     row = own_models.episode_row("gaussian", st.fit(taps, "gaussian"), taps)

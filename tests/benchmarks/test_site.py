@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 import typer.main
+from slow_cases import slow_but
 from solidtouch.cli import main
 from solidtouch.cli.shared.interrupt import INTERRUPTED, TERMINATED
 
@@ -106,7 +107,18 @@ def test_exit_codes_are_those_of_the_program():
     assert set(exit_codes.of_ones()) == failing
 
 
-@pytest.mark.parametrize("name", sorted(manual()))
+PAGES = (
+    "solidtouch.1",
+    "solidtouch-rig.1",
+    "solidtouch-conformance-run.1",
+    "solidtouch-emulate-fault.1",
+    "solidtouch-perceive.1",
+    "solidtouch-view.1",
+)
+"""The program, a group, commands of groups and others."""
+
+
+@pytest.mark.parametrize("name", slow_but(PAGES, sorted(manual())))
 def test_a_man_page_is_sound(name):
     text = manual()[name]
 

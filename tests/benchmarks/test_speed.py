@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from slow_cases import slow_but
 from solidtouch.models.taps import TapSet
 
 from benchmarks.page import check_block
@@ -75,8 +76,13 @@ def test_one_work_can_be_measured_into_another_page(tmp_path):
     assert "| solidtouch, online, about what |" in text
 
 
-@pytest.mark.parametrize("policy", ["passive", "active"])
-@pytest.mark.parametrize("shape", [(1, 1), (1, 4), (5, 1), (3, 7), (16, 5), (16, 8), (16, 9)])
+SHAPES = [(1, 1), (1, 4), (5, 1), (3, 7), (16, 5), (16, 8), (16, 9)]
+PLAYED = [(shape, policy) for shape in SHAPES for policy in ("passive", "active")]
+ONCE_EACH = [(shape, ("active", "passive")[i % 2]) for i, shape in enumerate(SHAPES)]
+PLAYED_AS = [f"{L}x{M}-{policy}" for (L, M), policy in PLAYED]
+
+
+@pytest.mark.parametrize(("shape", "policy"), slow_but(ONCE_EACH, PLAYED), ids=PLAYED_AS)
 def test_all_ways_of_playing_trials_decide_as_the_reference_does(shape, policy):
     """At several thresholds, some never reached, for sizes with and without vector instructions."""
     job = make_job(random_table(*shape), 25, policy, (0.3, 0.6, 0.9), deadline=12)
@@ -229,6 +235,7 @@ def test_the_novelty_benchmark_prints_its_tables():
     assert "known" in run("studies.beliefs.novelty", "--data-sets", "1", "--episodes", "4")
 
 
+@pytest.mark.slow
 def test_commands_on_a_recording_are_measured(monkeypatch):
     """In a process of their own, whose peak is not that of this one."""
     monkeypatch.setattr(memory, "TAP", (6, 5, 3, 2))

@@ -124,9 +124,8 @@ def test_taps_of_a_users_model_are_won_by_it():
 # Simulation-based calibration --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name == "two_levels")) for name in user_sbc.STORIES]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", user_sbc.STORIES)
 def test_the_log_density_by_hand_is_that_of_the_story(name):
     begun = user_sbc.fit_of(name, user_sbc.SIZES)
     drawn, samples = sbc.from_story(lambda: begun.story(begun.batch), 3, 1)
@@ -139,6 +138,7 @@ def test_the_log_density_by_hand_is_that_of_the_story(name):
     assert found["log likelihood"] == pytest.approx(float(expected), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_weighted_draws_from_the_prior_have_the_moments_of_the_posterior(rng, monkeypatch):
     """As by quadrature, for each of two cells."""
     monkeypatch.setattr(user_sbc, "WEIGHTED", 200_000)
