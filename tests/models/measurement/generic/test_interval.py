@@ -18,16 +18,16 @@ from solidtouch.models.measurement.generic.observed import DENSITY, Binned, binn
 
 EDGES = np.linspace(-6.0, 14.0, 41)  # 1.3 is within a bin
 BASES = {
-    "Exponential": (dist.Exponential(0.8), stats.expon(scale=1 / 0.8)),
-    "Gamma": (dist.Gamma(2.5, 1.5), stats.gamma(2.5, scale=1 / 1.5)),
-    "HalfNormal": (dist.HalfNormal(1.2), stats.halfnorm(scale=1.2)),
-    "HalfCauchy": (dist.HalfCauchy(1.2), stats.halfcauchy(scale=1.2)),
-    "LogNormal": (dist.LogNormal(0.2, 0.6), stats.lognorm(0.6, scale=np.exp(0.2))),
-    "Weibull": (dist.Weibull(1.4, 1.5), stats.weibull_min(1.5, scale=1.4)),
-    "Beta": (dist.Beta(2.0, 3.0), stats.beta(2.0, 3.0)),
-    "Uniform": (dist.Uniform(0.0, 2.0), stats.uniform(0.0, 2.0)),
-    "InverseGamma": (dist.InverseGamma(3.0, 2.0), stats.invgamma(3.0, scale=2.0)),
-    "Pareto": (dist.Pareto(1.2, 3.0), stats.pareto(3.0, scale=1.2)),
+    "Exponential": lambda: (dist.Exponential(0.8), stats.expon(scale=1 / 0.8)),
+    "Gamma": lambda: (dist.Gamma(2.5, 1.5), stats.gamma(2.5, scale=1 / 1.5)),
+    "HalfNormal": lambda: (dist.HalfNormal(1.2), stats.halfnorm(scale=1.2)),
+    "HalfCauchy": lambda: (dist.HalfCauchy(1.2), stats.halfcauchy(scale=1.2)),
+    "LogNormal": lambda: (dist.LogNormal(0.2, 0.6), stats.lognorm(0.6, scale=np.exp(0.2))),
+    "Weibull": lambda: (dist.Weibull(1.4, 1.5), stats.weibull_min(1.5, scale=1.4)),
+    "Beta": lambda: (dist.Beta(2.0, 3.0), stats.beta(2.0, 3.0)),
+    "Uniform": lambda: (dist.Uniform(0.0, 2.0), stats.uniform(0.0, 2.0)),
+    "InverseGamma": lambda: (dist.InverseGamma(3.0, 2.0), stats.invgamma(3.0, scale=2.0)),
+    "Pareto": lambda: (dist.Pareto(1.2, 3.0), stats.pareto(3.0, scale=1.2)),
 }
 
 
@@ -62,7 +62,7 @@ def at_bins(distribution, taps):
 @pytest.mark.parametrize("name", slow_but([*BASES][:3], BASES))
 def test_a_shifted_distribution_has_no_probability_below_its_floor(name):
     """The bin of the floor has what is above it; a falling transform swaps the sides."""
-    base, scipy = BASES[name]
+    base, scipy = BASES[name]()
     edges = opened(EDGES)
     affine = dist.transforms.AffineTransform(jnp.array([[1.3], [1.3]]), jnp.array([[1.0], [-1.0]]))
     both = dist.TransformedDistribution(base, affine)
@@ -76,7 +76,7 @@ def test_a_shifted_distribution_has_no_probability_below_its_floor(name):
 
 @pytest.mark.parametrize("name", BASES)
 def test_a_density_is_zero_outside_of_the_support_and_has_finite_derivatives(name):
-    base, scipy = BASES[name]
+    base, scipy = BASES[name]()
     at = np.array([-3.0, 1.25, 1.7, 2.9, 4.0])
 
     def density(floor):
@@ -92,15 +92,18 @@ def test_a_density_is_zero_outside_of_the_support_and_has_finite_derivatives(nam
 
 
 TRUNCATED = {
-    "between": (dist.TruncatedNormal(0.3, 1.2, low=-1.1, high=3.7), stats.truncnorm(-1.4 / 1.2, 3.4 / 1.2, 0.3, 1.2)),
-    "below": (dist.TruncatedNormal(0.3, 1.2, low=9.3), stats.truncnorm(7.5, np.inf, 0.3, 1.2)),
-    "above": (dist.TruncatedNormal(0.3, 1.2, high=-0.7), stats.truncnorm(-np.inf, -1.0 / 1.2, 0.3, 1.2)),
+    "between": lambda: (
+        dist.TruncatedNormal(0.3, 1.2, low=-1.1, high=3.7),
+        stats.truncnorm(-1.4 / 1.2, 3.4 / 1.2, 0.3, 1.2),
+    ),
+    "below": lambda: (dist.TruncatedNormal(0.3, 1.2, low=9.3), stats.truncnorm(7.5, np.inf, 0.3, 1.2)),
+    "above": lambda: (dist.TruncatedNormal(0.3, 1.2, high=-0.7), stats.truncnorm(-np.inf, -1.0 / 1.2, 0.3, 1.2)),
 }
 
 
 @pytest.mark.parametrize("name", TRUNCATED)
 def test_a_truncated_distribution_keeps_its_digits_far_from_its_base(name):
-    distribution, scipy = TRUNCATED[name]
+    distribution, scipy = TRUNCATED[name]()
     with np.errstate(divide="ignore", invalid="ignore"):
         logs = np.array([scipy.logcdf(opened(EDGES)), scipy.logsf(opened(EDGES))])
         left, right = (
@@ -172,15 +175,16 @@ def one_tap(edges, samples):
 
 
 @pytest.mark.parametrize(
-    "distribution",
+    "made",
     [
-        dist.Normal(0.3, 1.2),
-        dist.MultivariateNormal(jnp.zeros(1), jnp.eye(1)),
-        dist.VonMises(0.0, 1.0),
+        lambda: dist.Normal(0.3, 1.2),
+        lambda: dist.MultivariateNormal(jnp.zeros(1), jnp.eye(1)),
+        lambda: dist.VonMises(0.0, 1.0),
     ],
     ids=["bins", "vector", "density"],
 )
-def test_a_masked_sample_counts_for_nothing(distribution):
+def test_a_masked_sample_counts_for_nothing(made):
+    distribution = made()
     taps = one_tap(EDGES, np.array([0.2, 1.2, -0.7]))
     mask = jnp.array([True, False, True])
     each = distribution if distribution.event_dim else distribution.expand((1, 3, 1))

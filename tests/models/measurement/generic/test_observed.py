@@ -12,20 +12,20 @@ from slow_cases import slow_but
 from solidtouch.models.measurement.generic.observed import BINS, DENSITY, Binned, binned, elementwise, measure_of
 
 SINGLE = {
-    "Normal": (dist.Normal(0.3, 1.2), stats.norm(0.3, 1.2)),
-    "StudentT": (dist.StudentT(3.0, 0.3, 1.2), stats.t(3.0, 0.3, 1.2)),
-    "Laplace": (dist.Laplace(0.3, 1.2), stats.laplace(0.3, 1.2)),
-    "Logistic": (dist.Logistic(0.3, 1.2), stats.logistic(0.3, 1.2)),
-    "Cauchy": (dist.Cauchy(0.3, 1.2), stats.cauchy(0.3, 1.2)),
-    "Gumbel": (dist.Gumbel(0.3, 1.2), stats.gumbel_r(0.3, 1.2)),
-    "Gamma": (dist.Gamma(2.5, 1.5), stats.gamma(2.5, scale=1 / 1.5)),
-    "LogNormal": (dist.LogNormal(0.2, 0.6), stats.lognorm(0.6, scale=np.exp(0.2))),
-    "HalfNormal": (dist.HalfNormal(1.2), stats.halfnorm(scale=1.2)),
-    "Beta": (dist.Beta(2.0, 3.0), stats.beta(2.0, 3.0)),
-    "Uniform": (dist.Uniform(-1.0, 2.0), stats.uniform(-1.0, 3.0)),
-    "Poisson": (dist.Poisson(2.7), stats.poisson(2.7)),
-    "AsymmetricLaplace": (dist.AsymmetricLaplace(0.0, 1.0, 1.5), stats.laplace_asymmetric(1.5)),
-    "an affine Gumbel": (
+    "Normal": lambda: (dist.Normal(0.3, 1.2), stats.norm(0.3, 1.2)),
+    "StudentT": lambda: (dist.StudentT(3.0, 0.3, 1.2), stats.t(3.0, 0.3, 1.2)),
+    "Laplace": lambda: (dist.Laplace(0.3, 1.2), stats.laplace(0.3, 1.2)),
+    "Logistic": lambda: (dist.Logistic(0.3, 1.2), stats.logistic(0.3, 1.2)),
+    "Cauchy": lambda: (dist.Cauchy(0.3, 1.2), stats.cauchy(0.3, 1.2)),
+    "Gumbel": lambda: (dist.Gumbel(0.3, 1.2), stats.gumbel_r(0.3, 1.2)),
+    "Gamma": lambda: (dist.Gamma(2.5, 1.5), stats.gamma(2.5, scale=1 / 1.5)),
+    "LogNormal": lambda: (dist.LogNormal(0.2, 0.6), stats.lognorm(0.6, scale=np.exp(0.2))),
+    "HalfNormal": lambda: (dist.HalfNormal(1.2), stats.halfnorm(scale=1.2)),
+    "Beta": lambda: (dist.Beta(2.0, 3.0), stats.beta(2.0, 3.0)),
+    "Uniform": lambda: (dist.Uniform(-1.0, 2.0), stats.uniform(-1.0, 3.0)),
+    "Poisson": lambda: (dist.Poisson(2.7), stats.poisson(2.7)),
+    "AsymmetricLaplace": lambda: (dist.AsymmetricLaplace(0.0, 1.0, 1.5), stats.laplace_asymmetric(1.5)),
+    "an affine Gumbel": lambda: (
         dist.TransformedDistribution(dist.Gumbel(0.0, 1.0), dist.transforms.AffineTransform(1.0, 2.0)),
         stats.gumbel_r(1.0, 2.0),
     ),
@@ -72,10 +72,10 @@ def log_probability(distribution, taps):
     return np.asarray(judged(distribution, padded))[0, :B, 0]
 
 
-@pytest.mark.parametrize("name", slow_but(("Normal", "StudentT", "Gamma", "Poisson"), SINGLE))
+@pytest.mark.parametrize("name", slow_but(("Normal", "Poisson"), SINGLE))
 def test_a_bin_has_the_difference_of_the_distribution_function(name):
     """And the end bins have all that is beyond them."""
-    distribution, scipy = SINGLE[name]
+    distribution, scipy = SINGLE[name]()
     edges = np.linspace(-2.0, 5.0, 29)
     inner = edges.copy()
     inner[0], inner[-1] = -np.inf, np.inf
@@ -90,7 +90,7 @@ def test_a_bin_has_the_difference_of_the_distribution_function(name):
 
 
 @pytest.mark.parametrize("side", [0, 1])
-@pytest.mark.parametrize("name", TAILS)
+@pytest.mark.parametrize("name", slow_but(("Normal", "StudentT", "Gumbel", "Gamma"), TAILS))
 def test_bins_far_out_keep_their_digits(name, side):
     """An inner bin and an open one, where both distribution functions round to 0 or 1."""
     scipy, *places = TAILS[name]
@@ -99,7 +99,7 @@ def test_bins_far_out_keep_their_digits(name, side):
     edges = np.array([at - width, at, at + width, at + 2 * width]) - (width if side == 0 else 0.0)
     if name in ("Gamma", "HalfNormal") and side == 0:
         edges = np.maximum(edges, 0.0)[1:]
-    found = log_probability(SINGLE[name][0], every_bin(edges))
+    found = log_probability(SINGLE[name]()[0], every_bin(edges))
     inner = len(found) // 2 if len(found) > 2 else 1
     log_cdf, log_sf = scipy.logcdf(edges), scipy.logsf(edges)
     high = log_cdf[inner + 1] > log_sf[inner]
@@ -111,19 +111,19 @@ def test_bins_far_out_keep_their_digits(name, side):
 
 
 WIDE = {
-    "Poisson": (dist.Poisson(10.0), stats.poisson(10.0), np.linspace(0.0, 126.0, 11), 1e-6),
-    "many integers": (dist.Poisson(2000.0), stats.poisson(2000.0), np.linspace(0.0, 4000.0, 41), 1e-4),
-    "negative binomial": (
+    "Poisson": lambda: (dist.Poisson(10.0), stats.poisson(10.0), np.linspace(0.0, 126.0, 11), 1e-6),
+    "many integers": lambda: (dist.Poisson(2000.0), stats.poisson(2000.0), np.linspace(0.0, 4000.0, 41), 1e-4),
+    "negative binomial": lambda: (
         dist.NegativeBinomial2(23.0, 48.0),
         stats.nbinom(48, 48 / 71),
         np.linspace(0.0, 200.0, 21),
         1e-5,
     ),
-    "Gamma": (dist.Gamma(3.0, 1.0), stats.gamma(3.0), np.linspace(-5.0, 300.0, 11), 1e-4),
-    "Gumbel": (dist.Gumbel(0.0, 0.3), stats.gumbel_r(0.0, 0.3), np.linspace(-3.0, 60.0, 11), 1e-6),
-    "Weibull": (dist.Weibull(1.0, 2.0), stats.weibull_min(2.0), np.linspace(0.0, 30.0, 11), 1e-3),
-    "Beta": (dist.Beta(80.0, 90.0), stats.beta(80.0, 90.0), np.linspace(0.0, 1.0, 11), 1e-3),
-    "LogNormal": (dist.LogNormal(0.0, 0.5), stats.lognorm(0.5), np.linspace(0.0, 300.0, 11), 1e-2),
+    "Gamma": lambda: (dist.Gamma(3.0, 1.0), stats.gamma(3.0), np.linspace(-5.0, 300.0, 11), 1e-4),
+    "Gumbel": lambda: (dist.Gumbel(0.0, 0.3), stats.gumbel_r(0.0, 0.3), np.linspace(-3.0, 60.0, 11), 1e-6),
+    "Weibull": lambda: (dist.Weibull(1.0, 2.0), stats.weibull_min(2.0), np.linspace(0.0, 30.0, 11), 1e-3),
+    "Beta": lambda: (dist.Beta(80.0, 90.0), stats.beta(80.0, 90.0), np.linspace(0.0, 1.0, 11), 1e-3),
+    "LogNormal": lambda: (dist.LogNormal(0.0, 0.5), stats.lognorm(0.5), np.linspace(0.0, 300.0, 11), 1e-2),
 }
 """Distributions that fall by many powers of ten within a bin: with SciPy's, edges and the error allowed in nats."""
 
@@ -131,7 +131,7 @@ WIDE = {
 @pytest.mark.parametrize("name", slow_but([*WIDE][:2], WIDE))
 def test_improbable_bins_that_are_wide_keep_their_digits(name):
     """All bins of all samples, down to those of probability e^-700, by SciPy's logs or sums over integers."""
-    distribution, scipy, edges, allowed = WIDE[name]
+    distribution, scipy, edges, allowed = WIDE[name]()
     if distribution.is_discrete:
         first = np.ceil(np.append(edges[:-1], edges[-1] + 4000)).astype(int)
         expected = [np.logaddexp.reduce(scipy.logpmf(np.arange(*ends))) for ends in itertools.pairwise(first)]
@@ -152,12 +152,18 @@ def test_improbable_bins_that_are_wide_keep_their_digits(name):
 
 
 COUNTS = {
-    "zero-inflated": (dist.ZeroInflatedPoisson(0.3, 4.0), lambda n: 0.3 * (n == 0) + 0.7 * stats.poisson(4.0).pmf(n)),
-    "geometric": (dist.Geometric(0.2), stats.geom(0.2, loc=-1).pmf),
-    "binomial": (dist.Binomial(12, 0.3), stats.binom(12, 0.3).pmf),
-    "beta-binomial": (dist.BetaBinomial(2.0, 3.0, 12), stats.betabinom(12, 2.0, 3.0).pmf),
-    "categories": (dist.Categorical(jnp.array([0.1, 0.2, 0.3, 0.4])), lambda n: np.where(n < 4, 0.1 * (n + 1), 0)),
-    "mixture": (
+    "zero-inflated": lambda: (
+        dist.ZeroInflatedPoisson(0.3, 4.0),
+        lambda n: 0.3 * (n == 0) + 0.7 * stats.poisson(4.0).pmf(n),
+    ),
+    "geometric": lambda: (dist.Geometric(0.2), stats.geom(0.2, loc=-1).pmf),
+    "binomial": lambda: (dist.Binomial(12, 0.3), stats.binom(12, 0.3).pmf),
+    "beta-binomial": lambda: (dist.BetaBinomial(2.0, 3.0, 12), stats.betabinom(12, 2.0, 3.0).pmf),
+    "categories": lambda: (
+        dist.Categorical(jnp.array([0.1, 0.2, 0.3, 0.4])),
+        lambda n: np.where(n < 4, 0.1 * (n + 1), 0),
+    ),
+    "mixture": lambda: (
         dist.MixtureSameFamily(dist.Categorical(jnp.array([0.4, 0.6])), dist.Geometric(jnp.array([0.3, 0.6]))),
         lambda n: 0.4 * stats.geom(0.3, loc=-1).pmf(n) + 0.6 * stats.geom(0.6, loc=-1).pmf(n),
     ),
@@ -168,7 +174,7 @@ COUNTS = {
 @pytest.mark.parametrize("name", COUNTS)
 def test_integers_without_a_distribution_function_are_summed(name):
     """A bin has the probability of the integers in it, however many; the last one that of all beyond."""
-    counts, pmf = COUNTS[name]
+    counts, pmf = COUNTS[name]()
     for edges in (np.linspace(-0.25, 10.25, 22), np.linspace(-0.5, 10.5, 4), np.array([-0.5, 10.5])):
         first = np.ceil(np.append(edges[:-1], 300)).astype(int)
         expected = np.array([pmf(np.arange(*ends)).sum() for ends in itertools.pairwise(first)])
