@@ -6,6 +6,7 @@ import tracemalloc
 import numpy as np
 import pytest
 import xarray as xr
+from slow_cases import slow_but
 from solidtouch.analysis.inspect import quick_fit
 from solidtouch.analysis.inspect.page import inspection_page
 from solidtouch.analysis.inspect.run import inspect_taps
@@ -48,17 +49,27 @@ def on_disk(request, monkeypatch, tmp_path):
     return opened
 
 
-def each_in_blocks(first, *others):
-    """The first model in blocks of every size, the others in those of some taps; the rest is slow."""
+def each_in_blocks(fast, *others):
+    """Models in blocks of every size; by default those that are fast, each in blocks of one size or some."""
     return pytest.mark.parametrize(
         ("name", "on_disk"),
         [
-            pytest.param(name, size, id=f"{name}-{label}", marks=[pytest.mark.slow] * (name != first and size[0] != 5))
-            for name in (first, *others)
+            pytest.param(
+                name, size, id=f"{name}-{label}", marks=[pytest.mark.slow] * (size[0] not in fast.get(name, ()))
+            )
+            for name in (*fast, *others)
             for label, size in SIZES.items()
         ],
         indirect=["on_disk"],
     )
+
+
+some_in_blocks = pytest.mark.parametrize(
+    "on_disk",
+    [pytest.param(size, id=label, marks=[pytest.mark.slow] * (size[0] != 5)) for label, size in SIZES.items()],
+    indirect=True,
+)
+"""By default in blocks of some taps, which are not all of the same length."""
 
 
 def write_zarr(taps, path):
@@ -87,7 +98,7 @@ def same_arrays(model, other, rtol=0.0):
             compared(array.values, other.groups()[group][name].values, err_msg=f"{group} {name}")
 
 
-@pytest.mark.parametrize("value_range", ["global", "taxel"])
+@pytest.mark.parametrize("value_range", slow_but(["taxel"], ["global", "taxel"]))
 def test_histograms_are_the_same(on_disk, make_taps, value_range):
     """With edges, digests and novelty scores, where some taps are outside the grid and classes in no order."""
     taps = make_taps(repeats=2)
@@ -107,7 +118,7 @@ def given_prior(monkeypatch):
         monkeypatch.setattr(module, "estimated_prior", lambda *_: CellPrior(0.0, 0.0, np.full(K, 2.0), np.full(K, 2.0)))
 
 
-@each_in_blocks("profile-mvn", "gaussian", "profile", "profile-ar", "smooth", "session:profile")
+@each_in_blocks({"profile-mvn": [1], "profile-ar": [5], "smooth": [5], "session:profile": [5]}, "gaussian", "profile")
 def test_sums_of_blocks_make_the_same_model(on_disk, given_prior, make_taps, name):
     """Where sufficient statistics are sums, up to the rounding of sums in parts."""
     taps = make_taps(M=2, repeats=2)
@@ -117,6 +128,7 @@ def test_sums_of_blocks_make_the_same_model(on_disk, given_prior, make_taps, nam
     same_arrays(fitted(on_disk(taps), name), expected, 1e-12)
 
 
+@some_in_blocks
 def test_both_covariances_are_found_in_blocks(on_disk, make_taps):
     """Every round of the ascent goes through all taps, twice; sums differ by rounding."""
     taps = make_taps(L=2, M=2, repeats=2)
@@ -162,7 +174,7 @@ def test_a_large_recording_has_nearly_the_same_prior(on_disk, make_taps):
     same_arrays(fitted(on_disk(taps), "profile"), expected, 1e-2)
 
 
-@each_in_blocks("gaussian", "profile")
+@each_in_blocks({"gaussian": [1], "profile": [5]})
 def test_sums_leave_missing_samples_out(on_disk, given_prior, make_taps, name):
     """A class without any sample of a taxel is refused by the sentence that says so in memory."""
     taps = with_gaps(make_taps(M=2, repeats=2))
@@ -190,7 +202,7 @@ def test_missing_samples_are_left_out_alike(on_disk, make_taps):
     np.testing.assert_array_equal(training_taps(large.select(slice(0, 25)), expected.training), known)
 
 
-@each_in_blocks("profile", "histogram", "gaussian")
+@each_in_blocks({"profile": [1, 5, 1000], "histogram": [5], "gaussian": [5]})
 def test_tables_of_trials_are_the_same(on_disk, make_taps, name):
     """Likelihoods of test taps are computed from blocks, in the order of the taps, also with missing samples."""
     taps = with_gaps(make_taps(M=2, repeats=4))
@@ -255,6 +267,7 @@ def test_a_selection_is_written_on_disk(on_disk, make_taps, tmp_path):
     assert "force" in written.data_vars
 
 
+@some_in_blocks
 def test_recordings_are_joined_on_disk(on_disk, make_taps, tmp_path):
     """A large one behind a small one in single precision: written, selected and fitted as those in memory are."""
     small, taps = make_taps(sessions=1, repeats=2, seed=3), make_taps(sessions=1, repeats=2)

@@ -85,7 +85,7 @@ STATES = States(np.array([1.0, 1.3, 0.8, 1.1, 1.0]), np.array([0.0, 0.2, -0.1, 0
 @pytest.mark.parametrize(
     ("name", "at_once"),
     [
-        ("histogram", 2**23),
+        pytest.param("histogram", 2**23, marks=pytest.mark.slow),
         pytest.param("profile-ar", 2**23, marks=pytest.mark.slow),
         pytest.param("matrix-normal", 2**23, marks=pytest.mark.slow),
         pytest.param("histogram", 300, marks=pytest.mark.slow),

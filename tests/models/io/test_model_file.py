@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from netcdf_readings import same_by_both_ways
+from slow_cases import slow_but
 from solidtouch.models.errors import InputError
 from solidtouch.models.io.arviz_tree import draw_groups
 from solidtouch.models.io.model_file import load_model, save_model
@@ -82,7 +83,7 @@ def old_layout(model, path):
     dataset.to_netcdf(path, engine="h5netcdf")
 
 
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", slow_but(("histogram", "gaussian", "matrix-normal", "session:profile"), NAMES))
 def test_every_model_survives_its_file(fitted, taps, tmp_path, name):
     """To the last bit of its log-likelihoods and its prior, with everything that is said about it."""
     model = fitted[name].model
@@ -143,7 +144,7 @@ def test_a_saturation_survives(fitted, tmp_path, name, saturation):
 CLOSED = [name for name in NAMES if name != "student"]
 
 
-@pytest.mark.parametrize("name", CLOSED)
+@pytest.mark.parametrize("name", slow_but(("histogram", "profile-ar", "matrix-normal", "session"), CLOSED))
 def test_a_posterior_in_closed_form_survives_instead_of_draws(fitted, tmp_path, name):
     """Its draws are those of the fitted one to the last bit, also those over which decisions are integrated."""
     integrated = replace(fitted[name].integrated(2, 7).model, posterior=fitted[name].posterior, seed=7)
@@ -343,9 +344,17 @@ ANY = {
 }
 
 
+DIFFERENT = ["truncated", "missing", "other power", "no JSON", "no record", "other format"]
+DIFFERENT += ["falling edges", "no edges", "improbable states", "two gains"]
+"""Damage to different parts of a file."""
+
+
 @pytest.mark.parametrize(
     ("name", "case"),
-    [*(("histogram", case) for case in ANY), *(("profile-ar", case) for case in ("falling edges", "no edges"))],
+    slow_but(
+        [("histogram", case) for case in DIFFERENT],
+        [*(("histogram", case) for case in ANY), *(("profile-ar", case) for case in ("falling edges", "no edges"))],
+    ),
 )
 def test_damaged_files_are_refused(fitted, tmp_path, name, case):
     """The message names the file. All but edges are read alike for every model, before its own part."""
@@ -424,7 +433,15 @@ PARAMETERS = {
 }
 
 
-@pytest.mark.parametrize(("name", "save_damaged", "message"), PARAMETERS.values(), ids=PARAMETERS.keys())
+FIRST_PARAMETERS = ["no level", "a level of NaN", "no variance", "fewer samples", "fewer classes covered"]
+FIRST_PARAMETERS += ["a covariance that is none"]
+
+
+@pytest.mark.parametrize(
+    ("name", "save_damaged", "message"),
+    slow_but([PARAMETERS[case] for case in FIRST_PARAMETERS], PARAMETERS.values()),
+    ids=PARAMETERS.keys(),
+)
 def test_damaged_parameters_are_refused(fitted, tmp_path, name, save_damaged, message):
     save_damaged(fitted[name].model, tmp_path / "model.nc")
 

@@ -102,6 +102,7 @@ def test_a_file_that_crashes_its_library_is_refused(tmp_path):
         load_taps(path)
 
 
+@pytest.mark.slow
 def test_a_store_that_hangs_its_library_is_refused(make_taps, tmp_path, monkeypatch):
     """Zarr 3.1 makes as many texts as a chunk says that it holds."""
     monkeypatch.setattr(untrusted, "_MEMORY", 300 << 20)

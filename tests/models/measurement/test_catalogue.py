@@ -128,8 +128,10 @@ def test_the_order_of_taps_does_not_matter(name, rng):
     )
 
 
-@pytest.mark.parametrize("name", FAST)
-@pytest.mark.parametrize(("unit", "offset"), [(1e-6, 0.0), (1e6, 0.0), (1.0, 1e4), (-1.0, 0.0)])
+UNITS = [(*unit, name) for unit in [(1e-6, 0.0), (1e6, 0.0), (1.0, 1e4), (-1.0, 0.0)] for name in FAST]
+
+
+@pytest.mark.parametrize(("unit", "offset", "name"), slow_but(UNITS[::2], UNITS))
 def test_units_do_not_matter(name, unit, offset):
     """Samples in other units, un-tared or upside down, with edges to match, have the same probabilities.
 
@@ -180,8 +182,11 @@ SIZES = {
 }
 
 
-@pytest.mark.parametrize("case", SIZES)
-@pytest.mark.parametrize("name", FAST)
+EXTREME = [(name, case) for case in SIZES for name in FAST]
+REFUSED = [(name, case) for case, (_, refused) in SIZES.items() for name in refused]
+
+
+@pytest.mark.parametrize(("name", "case"), slow_but([*EXTREME[::3], *REFUSED], EXTREME))
 def test_extreme_sets_give_finite_likelihoods(name, case):
     """Or one sentence that says why not."""
     sizes, refused = SIZES[case]

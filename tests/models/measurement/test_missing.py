@@ -115,7 +115,7 @@ NAMES = (
 )
 
 
-@pytest.mark.parametrize("name", slow_but(("histogram", "profile in states"), NAMES))
+@pytest.mark.parametrize("name", slow_but(["profile in states"], NAMES))
 def test_a_missing_sample_is_summed_over_its_bins(name, models, taps):
     """Which is what leaving it out means where samples are independent; the sums are over taps that lack nothing."""
     model, tap = models[name], taps.taps[5]

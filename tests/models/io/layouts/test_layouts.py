@@ -11,6 +11,7 @@ import pytest
 import scipy.io
 import typer
 from mcap.writer import Writer
+from slow_cases import slow_but
 from solidtouch.cli.convert import convert
 from solidtouch.models.errors import InputError
 from solidtouch.models.io.layouts.mapping import load_map
@@ -291,7 +292,17 @@ UNCLEAR = {
 """Layouts without names of what is in them."""
 
 
-@pytest.mark.parametrize("name", LAYOUTS)
+DIFFERENT = [
+    "an_npz_without_names",
+    "hdf5_with_a_group_for_each_session",
+    "json_lines",
+    "matlab_7_3_with_references",
+    "one_csv_file_per_press_in_folders_named_by_object",
+    "semicolons_and_decimal_commas_with_units_in_the_header",
+]
+
+
+@pytest.mark.parametrize("name", slow_but(DIFFERENT, LAYOUTS))
 def test_look_prints_a_map_that_is_read_and_mostly_right(name, presses, tmp_path, monkeypatch):
     """It is right but for layouts that name nothing."""
 

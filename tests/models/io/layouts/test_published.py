@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 import typer
 from published_layouts import LAYOUTS
+from slow_cases import slow_but
 from solidtouch.cli.convert import convert
 from solidtouch.models.errors import InputError
 from solidtouch.models.taps import TapSet
@@ -27,7 +28,12 @@ def test_every_map_has_a_layout():
     assert sorted(LAYOUTS) == sorted(path.stem for path in MAPS.glob("*.toml"))
 
 
-@pytest.mark.parametrize("name", LAYOUTS)
+DIFFERENT = ["biotac-slide-compiled", "biotac-slide", "cost", "eflesh", "icub-forearm"]
+DIFFERENT += ["opentouch", "phac-hold", "uskin-slip"]
+"""Of many formats and ways to tell taps apart."""
+
+
+@pytest.mark.parametrize("name", slow_but(DIFFERENT, LAYOUTS))
 def test_a_published_layout_becomes_taps(name, tmp_path):
     folder = tmp_path / "as published"
     folder.mkdir()

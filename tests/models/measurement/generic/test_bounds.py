@@ -80,7 +80,7 @@ def by_hand(monkeypatch):
     [
         pytest.param(truncated, True, marks=pytest.mark.slow),
         (shifted, False),
-        (beyond, False),
+        pytest.param(beyond, False, marks=pytest.mark.slow),
         pytest.param(shifted, True, marks=pytest.mark.slow),
         pytest.param(beyond, True, marks=pytest.mark.slow),
     ],

@@ -71,12 +71,12 @@ ROWS, COLUMNS = COVERED.any(axis=1, keepdims=True), COVERED.any(axis=0, keepdims
     ("level_of", "expected"),
     [
         (slopes, np.ones((L, M), bool)),
-        (of_objects, COLUMNS),
+        pytest.param(of_objects, COLUMNS, marks=pytest.mark.slow),
         (added, ROWS & COLUMNS),
-        (cells, COVERED),
+        pytest.param(cells, COVERED, marks=pytest.mark.slow),
         (flattened, COVERED),
-        (numbered, ROWS),
-        (one_by_one, ROWS),
+        pytest.param(numbered, ROWS, marks=pytest.mark.slow),
+        pytest.param(one_by_one, ROWS, marks=pytest.mark.slow),
     ],
 )
 def test_a_class_is_known_if_all_its_latent_variables_have_taps(level_of, expected):

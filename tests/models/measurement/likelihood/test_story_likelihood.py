@@ -62,7 +62,7 @@ def in_states(model):
     return replace(model, states=state_grid(0.1, 0.3, 3, 2))
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", slow_but(["histogram", "student", "profile-ar", "matrix-normal"], KINDS))
 def test_bins_of_each_taxel(fitted, kind):
     """With edges of their own."""
     model, taps = fitted[0][kind], fitted[1]
@@ -91,7 +91,7 @@ def test_one_of_everything(make_taps, kind):
     assert gap(model, taps.taps[:3]) < TOLERANCE
 
 
-@pytest.mark.parametrize("kind", ["profile-mvn", "matrix-normal"])
+@pytest.mark.parametrize("kind", slow_but(["matrix-normal"], ["profile-mvn", "matrix-normal"]))
 @pytest.mark.parametrize("wide", slow_but([100], [2, 100]))
 def test_one_sample_of_dependent_taxels(make_taps, monkeypatch, kind, wide):
     """Such as a feature vector, whitened by a loop of its own or by products of matrices."""
@@ -128,7 +128,11 @@ ERRORS += [(kind, part) for kind in KINDS if kind not in TABLES for part in ("me
 ERRORS += [("profile-ar", "time"), ("profile-mvn", "taxel"), ("matrix-normal", "time"), ("matrix-normal", "taxel")]
 
 
-@pytest.mark.parametrize(("kind", "part"), ERRORS)
+TOLD_APART = [("gaussian", "log_prob"), ("student", "log_prob"), *ERRORS[-4:]]
+TOLD_APART += [("smooth", "log_weight"), ("profile", "mean"), ("profile-ar", "scale"), ("matrix-normal", "log_weight")]
+
+
+@pytest.mark.parametrize(("kind", "part"), slow_but(TOLD_APART, ERRORS))
 def test_an_error_in_the_form_is_found(fitted, kind, part):
     """Engines share it, so that they agree on it."""
     model, taps = replace(fitted[0][kind]), fitted[1]

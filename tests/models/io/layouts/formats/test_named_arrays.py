@@ -12,6 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as of_numpy
 from scipy.io import netcdf_file, savemat
+from slow_cases import slow_but
 from solidtouch.models import storage
 from solidtouch.models.errors import InputError
 from solidtouch.models.io import untrusted
@@ -71,7 +72,12 @@ ARRAYS = st.dictionaries(
 )
 
 
-@pytest.mark.parametrize(("name", "write", "open_file"), FORMATS.values(), ids=FORMATS)
+ONCE = ["npz", "hdf5", "zarr 3", "mat 5"]
+
+
+@pytest.mark.parametrize(
+    ("name", "write", "open_file"), slow_but([FORMATS[kind] for kind in ONCE], FORMATS.values()), ids=FORMATS
+)
 @given(arrays=ARRAYS, data=st.data())
 @settings(max_examples=15)
 def test_arrays_come_through(name, write, open_file, arrays, data):
@@ -180,7 +186,7 @@ DAMAGED = {
 SOME = {"x": np.arange(24.0).reshape(2, 3, 4), "n": np.arange(5, dtype="i4"), "t": np.array(["one", "two"])}
 
 
-@pytest.mark.parametrize("kind", DAMAGED)
+@pytest.mark.parametrize("kind", slow_but([*ONCE, "netcdf"], DAMAGED))
 @given(data=st.data())
 @settings(max_examples=25)
 def test_damaged_bytes_end_in_a_sentence(kind, data):
