@@ -4,6 +4,7 @@ from itertools import product
 
 import numpy as np
 import pytest
+from slow_cases import slow_but
 from solidtouch.inference.engines.engine import make_engine
 from solidtouch.inference.engines.latency import TimedEngine, _likely_tap, warm_up
 from solidtouch.models.measurement.registry import fit_model
@@ -19,10 +20,13 @@ def test_every_model_can_be_warmed_up(make_model, name, options):
 
 @pytest.mark.parametrize(
     ("kind", "name"),
-    [
-        *product(["gaussian", "profile-mvn", "session", "session:profile"], ["numpy", "filter"]),
-        ("session:profile", "numpyro"),  # compiled for every form; tables are warmed up above
-    ],
+    slow_but(
+        [("profile-mvn", "numpy"), ("session", "filter"), ("session:profile", "numpyro")],
+        [
+            *product(["gaussian", "profile-mvn", "session", "session:profile"], ["numpy", "filter"]),
+            ("session:profile", "numpyro"),  # compiled for every form; tables are warmed up above
+        ],
+    ),
 )
 def test_models_of_the_catalogue_can_be_warmed_up(make_taps, name, kind):
     """With a tap that the first class finds likely, so that no evidence is far from the training taps'."""

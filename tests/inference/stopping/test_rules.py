@@ -1,9 +1,11 @@
 """Stopping rules by name, and episodes that end by them as recorded trials do."""
 
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import pytest
+from slow_cases import slow_but
 from solidtouch.hardware.replay import ReplayRig
 from solidtouch.hardware.simulator.model_rig import draw_session
 from solidtouch.inference.engines.engine import make_engine
@@ -86,8 +88,10 @@ def recorded(model):
     return taps, plan, play(table, plan, fixation(2), border="clamp", deadline=DEADLINE, seed=SEED, watch=watch), watch
 
 
-@pytest.mark.parametrize("patience", [None, (5, 1.0), (3, 0.7)])
-@pytest.mark.parametrize("name", NAMES)
+PATIENT = list(product(NAMES, [None, (5, 1.0), (3, 0.7)]))
+
+
+@pytest.mark.parametrize(("name", "patience"), slow_but(PATIENT[::2], PATIENT), ids=str)
 def test_episodes_end_where_recorded_trials_do(model, recorded, name, patience):
     """The same taps one by one: same number, same answer, same object."""
     taps, plan, record, watch = recorded

@@ -23,7 +23,8 @@ PAIRS = [run for run in ALL if (run[0] + BORDERS.index(run[1]) + THETA_X.index(r
 EXACT = "taps", "what", "where", "true_where", "stopped", "clamped", "substituted", "used_up", "no_class_left"
 
 
-@pytest.mark.parametrize("runs", [PAIRS, pytest.param(ALL, marks=pytest.mark.slow)], ids=["pairs", "all"])
+@pytest.mark.slow
+@pytest.mark.parametrize("runs", [PAIRS, ALL], ids=["pairs", "all"])
 def test_trials_are_those_of_this_processor(runs, monkeypatch):
     """Tables of every size of rows, with evidence down to thousands of nats, impossible taps and untrained classes.
 

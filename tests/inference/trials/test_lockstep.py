@@ -2,9 +2,11 @@
 
 from dataclasses import replace
 from functools import cache
+from itertools import product
 
 import numpy as np
 import pytest
+from slow_cases import slow_but
 from solidtouch.hardware.replay import ReplayRig
 from solidtouch.inference import reference
 from solidtouch.inference.engines.engine import make_engine
@@ -135,9 +137,13 @@ def test_the_trials_above_are_not_trivial(played):
     assert len({record.what_belief.sum() for record in records}) == len(records)
 
 
-@pytest.mark.parametrize("kind", ["plain", "saturated states"])
-@pytest.mark.parametrize("border", ["uniform", "clamp"])
-@pytest.mark.parametrize("name", STRATEGIES)
+@pytest.mark.parametrize(
+    ("name", "border", "kind"),
+    slow_but(
+        [(name, *case) for name in STRATEGIES for case in [("uniform", "plain"), ("clamp", "saturated states")]],
+        list(product(STRATEGIES, ["uniform", "clamp"], ["plain", "saturated states"])),
+    ),
+)
 def test_trials_are_episodes_under_any_strategy(models, taps, tables, plan, kind, border, name):
     """`perceive` on a replay rig with the numbers of the trial's stream, also those that the strategy draws with."""
     policy, theta = STRATEGIES[name], 0.9

@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from slow_cases import slow_but
 from solidtouch.hardware.replay import ReplayRig
 from solidtouch.hardware.simulator.model_rig import draw_taps
 from solidtouch.inference.engines.engine import make_engine
@@ -80,7 +81,9 @@ def assert_same(expected, actual):
 VARIANTS = [(0.0, border) for border in BORDERS] + [(0.3, "uniform"), (0.6, "clamp"), (1.0, "uniform")]
 
 
-@pytest.mark.parametrize(("theta_x", "border"), VARIANTS)
+@pytest.mark.parametrize(
+    ("theta_x", "border"), slow_but([(0.0, "uniform"), (0.0, "prior"), (0.6, "clamp"), (1.0, "uniform")], VARIANTS)
+)
 def test_trials_are_episodes_on_the_same_taps(model, taps, plan, play, theta_x, border):
     """Every trial at every threshold is `perceive` on a replay rig with the numbers of its stream."""
     trials = play(theta_x, border)
@@ -166,11 +169,9 @@ def test_fresh_trials_are_played_on_the_processor_only(table, plan):
 
 @pytest.mark.parametrize(
     ("theta_x", "border", "slots"),
-    [
-        *((*variant, 7) for variant in VARIANTS[:-1] if variant[1] in ("prior", "clamp")),
-        *(pytest.param(*v, 7, marks=pytest.mark.slow) for v in VARIANTS[:-1] if v[1] not in ("prior", "clamp")),
-        (*VARIANTS[-1], 64),
-    ],
+    slow_but(
+        [(0.0, "prior", 7), (*VARIANTS[-1], 64)], [*((*variant, 7) for variant in VARIANTS[:-1]), (*VARIANTS[-1], 64)]
+    ),
 )
 def test_arrays_decide_as_loops_do(monkeypatch, play, theta_x, border, slots):
     """The code for graphics processors, on the processor: in slots that are refilled and in more slots than trials."""
@@ -282,8 +283,10 @@ def impossible_table():
     return TapTable(log_likelihood, tap_pool([0, 0, 0], [1, 1, 0], (1, 2)), np.log([[0.5, 0.5]]))
 
 
-@pytest.mark.parametrize("where_to", ["cpu", "xla-cpu"])
-@pytest.mark.parametrize("deadline", [2, 60])
+@pytest.mark.parametrize(
+    ("deadline", "where_to"),
+    slow_but([(2, "cpu"), (60, "xla-cpu")], [(2, "cpu"), (2, "xla-cpu"), (60, "cpu"), (60, "xla-cpu")]),
+)
 def test_an_impossible_tap_ends_the_trial_undecided(where_to, deadline):
     """With what was most probable before it, which may be the last tap before the deadline."""
     table = impossible_table()

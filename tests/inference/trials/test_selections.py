@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scattered_taps import COUNT, L, M, table_of, taps_of
+from slow_cases import slow_but
 from solidtouch.inference.trials.records import TapTable
 from solidtouch.inference.trials.resampling import play_resamples, spread
 from solidtouch.inference.trials.selections import resampled_pools, sessions_drawn, thinned_pools
@@ -121,7 +122,7 @@ def test_a_pool_of_repeated_taps():
 
 
 @pytest.mark.parametrize(("pools", "thinned"), [(resampled_pools, False), (thinned_pools, True)])
-@pytest.mark.parametrize("taps", [2, pytest.param(3, marks=pytest.mark.slow), 5])
+@pytest.mark.parametrize("taps", slow_but([2], [2, 3, 5]))
 def test_selections_enlarged_vary_as_the_quantity_itself(pools, thinned, taps):
     """The variance of a mean over selected taps, enlarged, is that over data sets, for any number of taps."""
     rng, values = np.random.default_rng(0), []
