@@ -54,6 +54,11 @@ class EpisodeFeed:
         self._pass_on("end", lambda: ending_record(episode, ending), self._ends)
 
     @property
+    def has_taps(self) -> bool:
+        """Whether there is something to write."""
+        return bool(self._taps)
+
+    @property
     def content(self) -> bytes:
         """The file of all episodes so far."""
         return encoded_file(self._header, self._taps, self._ends)

@@ -139,7 +139,7 @@ def new_figure(
 
 def empty_figure(width: float, height: float, *, of_text: bool = False, whole: bool = False) -> Any:
     """A figure, or the one of `drawn_as`, without panels; see `new_figure`."""
-    from matplotlib.figure import Figure  # noqa: PLC0415
+    from .figure_shown import ShownFigure  # noqa: PLC0415 - matplotlib is loaded where something is drawn
 
     style = _STYLE.get()
     high = height * style.zoom * (1.0 if of_text else style.height)
@@ -147,7 +147,7 @@ def empty_figure(width: float, height: float, *, of_text: bool = False, whole: b
     if style.aspect:
         high = max(style.inches / style.aspect, high)
         wide = high * style.aspect
-    return _TARGET.get() or Figure(figsize=(wide, high), layout="constrained")
+    return _TARGET.get() or ShownFigure(figsize=(wide, high), layout="constrained")
 
 
 def _flowing(figure: Any, rows: int, columns: int, across: int, **options: Any) -> NDArray[Any]:

@@ -1,6 +1,6 @@
 """Style of all figures: fonts, colours, axis labels, and files; `figure_sizes` holds their sizes.
 
-Matplotlib is imported when a figure is drawn, so that importing this package stays cheap. Figures are plain
+Matplotlib is imported when a figure is drawn, so that importing this package stays cheap. Figures are
 `matplotlib.figure.Figure` objects and settings hold only while one is drawn or written: no pyplot and no global
 state.
 """

@@ -89,7 +89,9 @@ class WatchedShow:
 
 @contextmanager
 def watching(shown: "Show", wish: Watching) -> Iterator[WatchedShow]:
-    """The same show, watched as wished; at the end of the block the file is written and the page served.
+    """The same show, watched as wished; the page is served when the block has ended.
+
+    The file is written however it ends: an episode that is interrupted keeps its taps.
 
     Raises:
         InputError: The port is taken, or the file cannot be written.
@@ -97,9 +99,8 @@ def watching(shown: "Show", wish: Watching) -> Iterator[WatchedShow]:
     from ...analysis.live.feed import EpisodeFeed, finish_data, open_page, page_server
 
     if not wish.view:
-        feed = EpisodeFeed(None, keep=wish.file is not None)
-        yield WatchedShow(shown, feed)
-        _keep(shown, feed, wish)
+        with _kept(shown, EpisodeFeed(None, keep=wish.file is not None), wish) as watched:
+            yield watched
         return
 
     server = page_server(wish.port, stop_program)
@@ -108,8 +109,8 @@ def watching(shown: "Show", wish: Watching) -> Iterator[WatchedShow]:
         shown.note(f"Page: {server.url}")
         opened = wish.browser and open_page(server.url)
         try:
-            yield WatchedShow(shown, feed)
-            _keep(shown, feed, wish)
+            with _kept(shown, feed, wish) as watched:
+                yield watched
         except BaseException as error:
             stopped = isinstance(error, KeyboardInterrupt | SystemExit)
             server.publish_last(finish_data("the program was stopped" if stopped else f"the program failed: {error}"))
@@ -137,9 +138,13 @@ def stop_program() -> None:
         pthread_kill(main, SIGINT)
 
 
-def _keep(shown: "Show", feed: "EpisodeFeed", wish: Watching) -> None:
+@contextmanager
+def _kept(shown: "Show", feed: "EpisodeFeed", wish: Watching) -> "Iterator[WatchedShow]":
     from ...analysis.live.saved import save_episodes
 
-    if wish.file is not None:
-        save_episodes(feed.content, wish.file, wish.force)
-        shown.note(f"Episodes: {wish.file}; `solidtouch view` plays them.")
+    try:
+        yield WatchedShow(shown, feed)
+    finally:
+        if wish.file is not None and feed.has_taps:
+            save_episodes(feed.content, wish.file, wish.force)
+            shown.note(f"Episodes: {wish.file}; `solidtouch view` plays them.")

@@ -13,6 +13,7 @@ from threading import Thread
 import numpy as np
 import pytest
 from slow_cases import slow_but
+from solidtouch.analysis.live.saved import load_episodes
 from solidtouch.hardware.errors import NoAnswer
 from solidtouch.hardware.simulator.rig import SimulatedRig
 from solidtouch.hardware.simulator.session import simulate_session
@@ -574,8 +575,8 @@ def test_a_device_that_fails_ends_with_exit_code_3(command, folder, monkeypatch,
     assert left == [True]
 
 
-def test_a_signal_ends_an_episode(command, folder, monkeypatch):
-    """With a sentence and the usual exit code, and lines already printed are whole."""
+def test_a_signal_ends_an_episode(command, folder, monkeypatch, tmp_path):
+    """With a sentence and the usual exit code; lines already printed are whole, and a file has the taps so far."""
     endless = ("--engine", "numpy", "--json", "--theta", 1, "--deadline", 1000000)
     tap, taps = SimulatedRig.tap, []
 
@@ -586,9 +587,11 @@ def test_a_signal_ends_an_episode(command, folder, monkeypatch):
         return taps[-1]
 
     monkeypatch.setattr(SimulatedRig, "tap", interrupted)
-    done = command("perceive", folder / "model.nc", *endless)
+    done = command("perceive", folder / "model.nc", *endless, "--save-episode", tmp_path / "e.json")
 
     assert [record["tap"] for record in records(done.out)] == [1, 2]
+    saved = load_episodes(tmp_path / "e.json")
+    assert ([tap.tap for tap in saved.taps], saved.ends) == ([1, 2], [])
     assert done.code == 143
     assert "Traceback" not in done.err
     assert done.err.splitlines()[-1] == "solidtouch: interrupted; no file is left incomplete."

@@ -140,3 +140,10 @@ def test_series_are_told_apart_in_grey():
         for i, (marker, line, light) in enumerate(seen):
             alike = [other for other in seen[i + 1 :] if other[:2] == (marker, line) and abs(other[2] - light) < 0.15]
             assert not alike, title
+
+
+def test_a_notebook_shows_a_figure_though_nobody_has_loaded_pyplot():
+    formatters = pytest.importorskip("IPython.core.formatters", reason="IPython is not installed")
+    figure, _ = new_figure(3.0, 2.0)
+
+    assert formatters.PNGFormatter()(figure)[:4] == b"\x89PNG"
