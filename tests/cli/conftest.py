@@ -50,3 +50,10 @@ def sketched(monkeypatch) -> None:
     """
 
     monkeypatch.setattr(figure_style, "drawing_of", lambda figure: Drawing(b"<svg/>", figure.get_figwidth(), bytes))
+
+
+@pytest.fixture
+def taps_file(tmp_path, make_taps):
+    """A recording of two sessions."""
+    make_taps().save(tmp_path / "taps.nc")
+    return tmp_path / "taps.nc"
