@@ -10,7 +10,8 @@ from msgspec import Meta, Struct
 
 from ...hardware.simulator.settings import preset
 from ...inference.episode import DEADLINE
-from ...inference.moves.strategies import FORMS, parse_strategy
+from ...inference.moves.strategies import parse_strategy
+from ...inference.names import MOVES
 from ...inference.reference import Border
 from ...models.errors import InputError
 from ...models.io.recording import naming
@@ -173,7 +174,7 @@ def _check_axes(axes: GridAxes) -> None:
 def _check_policy(policy: str | float) -> None:
     if not isinstance(policy, str):
         known = 0 < policy < 1
-    elif policy in FORMS or ":" in policy:
+    elif policy in MOVES or ":" in policy:
         with naming("grid.policy"):
             if parse_strategy(policy).aims:
                 raise InputError(f'{policy!r} is written "active" here, or with its theta_X as a number.')
@@ -181,7 +182,7 @@ def _check_policy(policy: str | float) -> None:
     else:
         known = policy == "active"
     if not known:
-        others = ", ".join(form for form in FORMS if not form.startswith("fixation"))
+        others = ", ".join(form for form in MOVES if not form.startswith("fixation"))
         raise InputError(
             f"grid.policy: it must be passive, active or a number between 0 and 1, not {policy!r}; or one of {others}."
         )

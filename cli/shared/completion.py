@@ -39,16 +39,16 @@ def rigs(incomplete: str) -> list[str]:
 
 def strategies(incomplete: str) -> list[str]:
     """Control strategies, without those that hold a number."""
-    from ...inference.moves.strategies import FORMS
+    from ...inference.names import MOVES
 
-    return _fitting([form for form in FORMS if ":" not in form], incomplete)
+    return _fitting([form for form in MOVES if ":" not in form], incomplete)
 
 
 def rules(incomplete: str) -> list[str]:
     """Stopping rules, up to their numbers."""
-    from ...inference.stopping.rules import FORMS
+    from ...inference.names import STOPS
 
-    return _fitting([form.partition(":")[0] + ":" for form in FORMS], incomplete)
+    return _fitting([form.partition(":")[0] + ":" for form in STOPS], incomplete)
 
 
 def _fitting(words: list[str], incomplete: str) -> list[str]:

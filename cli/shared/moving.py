@@ -76,7 +76,7 @@ def choose_moves(
     """Strategy of `--move`.
 
     Args:
-        name: Name of the strategy, see `strategies.FORMS`.
+        name: Name of the strategy, see `names.MOVES`.
         model: The fitted model.
         play: Border and fixation point; the latter is ignored for passive episodes.
         outcomes: Training taps, for a strategy that looks ahead.

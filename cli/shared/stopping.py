@@ -38,7 +38,7 @@ def choose_ends(
     """Stopping rule of `--stop` and `--give-up`.
 
     Args:
-        name: Name of the rule, see `stopping.rules.FORMS`; `None` for `--theta`.
+        name: Name of the rule, see `names.STOPS`; `None` for `--theta`.
         play: Threshold, deadline and border.
         patience: Value of `--give-up`.
         model: The fitted model.

@@ -14,6 +14,7 @@ from ...hardware.stage.leg import trapezoid_time
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
 from ..information import About, TapOutcomes
+from ..names import MOVES
 from ..reference import Border
 from .control import MovePolicy, check_fixation, fixation, passive, random_place, random_step
 from .information import informative
@@ -83,17 +84,6 @@ def _check_positive(name: str, value: float) -> None:
         raise InputError(f"The {name} must be above 0, got {value}.")
 
 
-FORMS = (
-    "passive",
-    "fixation",
-    "fixation:THETA_X",
-    "random",
-    "step",
-    "step:REACH",
-    *(f"info-{about}{per}" for about in ("what", "where", "joint") for per in ("", "-per-mm", "-per-s")),
-    "table",
-)
-"""Forms of all names; capitals stand for numbers."""
 _INFORMATION = re.compile(r"info-(what|where|joint)(?:-per-(mm|s))?")
 _WITH_NUMBER = ("fixation", "step")
 _REACH = 1
@@ -143,8 +133,8 @@ def parse_strategy(name: str) -> Strategy:
     kind, colon, number = name.partition(":")
     if colon and kind in _WITH_NUMBER:
         return Strategy(kind, _number(name, kind, number))
-    if name not in FORMS:
-        raise InputError(f"Unknown control strategy {name!r}; choose from {', '.join(FORMS)}.")
+    if name not in MOVES:
+        raise InputError(f"Unknown control strategy {name!r}; choose from {', '.join(MOVES)}.")
     return Strategy(name, _REACH if name == "step" else 0.0)
 
 
@@ -160,7 +150,7 @@ def make_policy(
     """Control strategy by name.
 
     Args:
-        name: One of `FORMS`.
+        name: One of `names.MOVES`.
         grid: Class grid.
         border: Interpretation of Eq. 9 at the ends of the range, for strategies that look ahead.
         fixation_index: Fixation point of `fixation`; default: the middle.

@@ -14,6 +14,7 @@ from ...models.grid import ClassGrid
 from ...models.measurement.model import TapModel
 from ..information import TapOutcomes
 from ..moves.expected_gain import gain_watch
+from ..names import STOPS
 from ..reference import Border
 from .stopping import (
     StopRule,
@@ -30,18 +31,7 @@ from .stopping import (
     where_above,
 )
 
-FORMS = (
-    "what:THETA",
-    "where:THETA",
-    "both:THETA_W,THETA_X",
-    "taps:N",
-    "error:P",
-    "each-error:P",
-    "msprt:COST",
-    "lookahead:COST",
-)
-"""Forms of all names; capitals stand for numbers."""
-_KINDS = {form.partition(":")[0]: form.count(",") + 1 for form in FORMS}
+_KINDS = {form.partition(":")[0]: form.count(",") + 1 for form in STOPS}
 _SHARES, _INSIDE = ("what", "where", "both"), ("error", "each-error")
 _PATIENCE = re.compile(r"(\d+)(?::(.+))?")
 
@@ -77,7 +67,7 @@ def parse_stopping(name: str) -> Stopping:
     kind, _, text = name.partition(":")
     parts = text.split(",")
     if kind not in _KINDS or len(parts) != _KINDS[kind]:
-        raise InputError(f"Unknown stopping rule {name!r}; choose from {', '.join(FORMS)}.")
+        raise InputError(f"Unknown stopping rule {name!r}; choose from {', '.join(STOPS)}.")
     numbers = tuple(_number(part) for part in parts)
     if kind in _SHARES and not all(0 <= number <= 1 for number in numbers):
         raise InputError(f"The belief of a stopping rule must be between 0 and 1, got {name!r}.")

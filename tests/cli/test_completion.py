@@ -85,13 +85,13 @@ eval "$(_SOLIDTOUCH_COMPLETE=source_bash solidtouch)"
 COMP_WORDS=(solidtouch fit --mod) COMP_CWORD=2
 _solidtouch_completion solidtouch
 echo "${COMPREPLY[@]}"
-_SOLIDTOUCH_COMPLETE=complete_bash COMP_WORDS="solidtouch fi" COMP_CWORD=1 PYTHONPROFILEIMPORTTIME=1 solidtouch
+_SOLIDTOUCH_COMPLETE=complete_bash COMP_WORDS="solidtouch perceive m.nc --move fixa" COMP_CWORD=4 PYTHONPROFILEIMPORTTIME=1 solidtouch
 """
     done = in_shell("/bin/bash", script)
 
-    assert done.stdout.split() == ["--model", "fit"]
+    assert done.stdout.split() == ["--model", "fixation"]
     loaded = {line.rpartition("|")[2].strip() for line in done.stderr.splitlines()}
-    assert "solidtouch.cli.fit" in loaded
+    assert "solidtouch.inference.names" in loaded
     assert not loaded & {"xarray", "jax", "numba", "scipy", "pandas"}
 
 

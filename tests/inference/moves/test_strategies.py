@@ -5,8 +5,9 @@ import pytest
 from solidtouch.inference.information import tap_outcomes
 from solidtouch.inference.moves.control import fixation, passive, random_place, random_step
 from solidtouch.inference.moves.information import informative
-from solidtouch.inference.moves.strategies import FORMS, make_policy, parse_strategy, time_costs, way_costs
+from solidtouch.inference.moves.strategies import make_policy, parse_strategy, time_costs, way_costs
 from solidtouch.inference.moves.table import TargetTable, lookup
+from solidtouch.inference.names import MOVES
 from solidtouch.models.errors import InputError
 from solidtouch.models.grid import ClassGrid
 
@@ -55,7 +56,7 @@ def test_a_name_is_its_strategy(name):
 
 def test_every_name_without_a_number_can_be_asked_at_once():
     """No two move alike."""
-    names = [form for form in FORMS if ":" not in form]
+    names = [form for form in MOVES if ":" not in form]
     moves = [named(name)(BELIEFS, CHANCE) for name in names]
 
     assert all((row.shape, row.dtype) == ((300,), np.int64) for row in moves)

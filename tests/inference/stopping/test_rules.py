@@ -13,9 +13,10 @@ from solidtouch.inference.episode import perceive, steps
 from solidtouch.inference.information import tap_outcomes
 from solidtouch.inference.moves.control import fixation, passive
 from solidtouch.inference.moves.expected_gain import expected_gain
+from solidtouch.inference.names import STOPS
 from solidtouch.inference.stopping import stopping
 from solidtouch.inference.stopping.recorded import stops
-from solidtouch.inference.stopping.rules import FORMS, error_loss, gain_of, make_rule, parse_patience, parse_stopping
+from solidtouch.inference.stopping.rules import error_loss, gain_of, make_rule, parse_patience, parse_stopping
 from solidtouch.inference.trials.lockstep import play
 from solidtouch.inference.trials.records import plan_trials, tap_table, trial_uniforms
 from solidtouch.models.errors import InputError
@@ -66,7 +67,7 @@ def test_a_name_is_its_rule(model):
 
 
 def test_every_form_has_a_name_here():
-    assert [form.partition(":")[0] for form in FORMS] == [name.partition(":")[0] for name in NAMES]
+    assert [form.partition(":")[0] for form in STOPS] == [name.partition(":")[0] for name in NAMES]
 
 
 def test_without_a_place_msprt_takes_that_where_objects_are_farthest_apart(model):
