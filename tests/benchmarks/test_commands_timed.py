@@ -16,6 +16,25 @@ from benchmarks.speed.commands.table import Timed, stored
 from benchmarks.speed.commands.works import GIB, WORKS, Work, installed
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "performance.md"
+HOLDING = """
+import gc
+import resource
+import time
+
+gc.disable()
+
+
+def hold():
+    held = b"x" * 10_000_000
+    time.sleep(0.008)
+
+
+for _ in range(100):
+    hold()
+if resource.getrusage(resource.RUSAGE_SELF).ru_maxrss > 300_000:
+    raise SystemExit("what was held is still there")
+"""
+
 BUSY = """
 import sys, threading, time
 def busy(seconds):
@@ -93,6 +112,14 @@ def test_stacks_of_all_threads_are_counted_by_processor_time(tmp_path):
     assert 0 <= everything[EXIT,] < 0.1
     assert 0 < busy(inside) < 0.15
     assert busy(inside) <= sum(inside.values()) < busy(inside) + 0.1
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the processor times of threads are read from /proc")
+def test_what_a_function_held_is_freed_when_it_has_been_looked_at(tmp_path):
+    """Also where Python never searches for circular garbage: 100 calls hold 10 MB each."""
+    (tmp_path / "program.py").write_text(HOLDING, encoding="utf-8")
+
+    assert functions(stacks([sys.executable, "program.py"], tmp_path), r"program\.py:hold$")
 
 
 @pytest.mark.parametrize(
