@@ -85,8 +85,8 @@ eval "$(_SOLIDTOUCH_COMPLETE=source_bash solidtouch)"
 COMP_WORDS=(solidtouch fit --mod) COMP_CWORD=2
 _solidtouch_completion solidtouch
 echo "${COMPREPLY[@]}"
-export _SOLIDTOUCH_COMPLETE=complete_bash COMP_WORDS="solidtouch perceive m.nc --move fixa" COMP_CWORD=4
-PYTHONPROFILEIMPORTTIME=1 solidtouch
+_SOLIDTOUCH_COMPLETE=complete_bash COMP_WORDS="solidtouch perceive m.nc --move fixa" COMP_CWORD=4 \
+    PYTHONPROFILEIMPORTTIME=1 solidtouch
 """
     done = in_shell("/bin/bash", script)
 
