@@ -131,7 +131,7 @@ def test_what_is_carried_through_taps_and_moves_is_not_touched(models, taps, sat
     ("saturation", "theta_x", "border"),
     slow_but(
         [(3.5, 0.0, "clamp"), (0.4, 0.3, "uniform_what"), (3.5, 0.0, "prior")],
-        [(saturation, *variant) for saturation, variant in zip(cycle([0.4, 3.5]), [*VARIANTS, VARIANTS[0]])],
+        [*((saturation, *variant) for saturation, variant in zip(cycle([0.4, 3.5]), VARIANTS)), (3.5, *VARIANTS[0])],
     ),
 )
 def test_trials_are_episodes_on_the_same_taps(models, taps, plan, saturation, theta_x, border):
