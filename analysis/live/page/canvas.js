@@ -68,6 +68,16 @@ export function brief(value, digits = 4) {
   return (text.length > 9 ? value.toExponential(1) : text).replace("-", "−");
 }
 
+/** The least of any number of values. */
+export function least(values) {
+  return values.reduce((a, b) => Math.min(a, b), Infinity);
+}
+
+/** The largest of any number of values. */
+export function most(values) {
+  return values.reduce((a, b) => Math.max(a, b), -Infinity);
+}
+
 /** Maps a range to another. */
 export function scale(low, high, from, to) {
   const span = high - low || 1;

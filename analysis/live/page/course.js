@@ -1,6 +1,6 @@
 // The course of an episode: the finger over the object with its path, and evidence and p-value of each tap.
 
-import { axes, brief, fitted, fontSize, marker, scale, stroke, surface } from "./canvas.js";
+import { axes, brief, fitted, fontSize, least, marker, most, scale, stroke, surface, upright } from "./canvas.js";
 
 /** Draws where the finger is believed to be, and was; returns a note. */
 export function drawCourse(canvas, header, taps, end, theme) {
@@ -21,13 +21,8 @@ export function drawCourse(canvas, header, taps, end, theme) {
   context.textAlign = "right";
   context.fillStyle = theme.soft;
   for (let t = 1, every = Math.ceil(depth / 12); t <= shown; t += every) context.fillText(String(t), box[0] - 6, y(t));
-  context.save();
   context.fillStyle = theme.ink;
-  context.translate(9, (box[1] + box[3]) / 2);
-  context.rotate(-Math.PI / 2);
-  context.textAlign = "center";
-  context.fillText("tap", 0, 0);
-  context.restore();
+  upright(context, "tap", 9, (box[1] + box[3]) / 2, box[3] - box[1]);
   drawObject(context, box, fingerName(last, end), theme);
   if (header.fixation !== null) {
     const at = x(values[header.fixation]);
@@ -148,14 +143,13 @@ export function drawEvidence(canvas, header, taps, theme) {
   const range = [0.5, Math.max(taps.length, 4) + 0.5];
   const split = judged.length ? 100 : height - 36;
   const values = known.map((tap) => tap.log_evidence);
-  const low = Math.min(...values), high = Math.max(...values), pad = (high - low || 1) * 0.15;
+  const low = least(values), high = most(values), pad = (high - low || 1) * 0.15;
   const top = axes(context, [64, 8, width - 10, split], range, [low - pad, high + pad], theme, {
     yLabel: "evidence (nats)", xLabel: judged.length ? "" : "tap", xNumbers: !judged.length, whole: true,
   });
   drawPath(context, known.map((tap) => [top.x(tap.tap), top.y(tap.log_evidence)]), theme.bar, [], "circle", known.map(() => 3));
   if (!judged.length) return "Natural logarithm of the evidence of each tap. This model gives no p-values.";
-  const least = Math.min(...judged.map((tap) => Math.max(tap.p, 1e-6)), header.flagged / 3);
-  const floor = Math.floor(Math.log10(least)), box = [64, split + 14, width - 10, height - 36];
+  const floor = Math.floor(Math.log10(Math.min(Math.max(least(judged.map((tap) => tap.p)), 1e-6), header.flagged / 3))), box = [64, split + 14, width - 10, height - 36];
   const logs = (p) => Math.log10(Math.max(p, 1e-6)), y = scale(floor, 0, box[3], box[1]);
   const x = scale(range[0], range[1], box[0], box[2]);
   axes(context, box, range, [1, 1], { ...theme, line: "transparent" }, { xLabel: "tap", whole: true });
@@ -167,13 +161,8 @@ export function drawEvidence(canvas, header, taps, theme) {
     context.fillStyle = theme.soft;
     context.fillText(brief(10 ** power), box[0] - 4, y(power));
   }
-  context.save();
-  context.translate(8, (box[1] + box[3]) / 2);
-  context.rotate(-Math.PI / 2);
-  context.textAlign = "center";
   context.fillStyle = theme.ink;
-  context.fillText("p-value", 0, 0);
-  context.restore();
+  upright(context, "p-value", 8, (box[1] + box[3]) / 2, box[3] - box[1] + 16);
   stroke(context, box[0], y(logs(header.flagged)), box[2], y(logs(header.flagged)), theme.mark, [4, 3], 1.5);
   for (const tap of judged) {
     context.fillStyle = tap.unusual ? theme.mark : theme.bar;

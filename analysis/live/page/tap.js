@@ -1,7 +1,7 @@
 // The last tap: traces of its taxels, and a picture of the fingertip coloured by their peaks.
 
 import { inkOn, lineColour, lineRgb } from "./colours.js";
-import { axes, brief, colourBar, fontSize, stroke, surface } from "./canvas.js";
+import { axes, brief, colourBar, fontSize, least, most, stroke, surface } from "./canvas.js";
 
 const MOST_TRACES = 300, NUMBERED = 64;
 
@@ -131,12 +131,4 @@ function scaleBar(context, width, unit, theme) {
   context.fillStyle = theme.ink;
   context.textAlign = "center";
   context.fillText(`${length} mm`, right - (length * unit) / 2, 207);
-}
-
-function least(values) {
-  return values.reduce((a, b) => Math.min(a, b), Infinity);
-}
-
-function most(values) {
-  return values.reduce((a, b) => Math.max(a, b), -Infinity);
 }
