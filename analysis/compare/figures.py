@@ -187,7 +187,7 @@ def _dots(axes: Axes, data: xr.Dataset, name: str, dim: str, *, joined: bool) ->
         read_off(line, x=[f"{value:g}" for value in x[finite]])
     axes.margins(x=0.06)
     time_axis(axes, x, ticks=True)
-    axes.set_xlabel("contacts" if dim == "contacts" else "mean reaction time (taps)")
+    axes.set_xlabel("taps" if dim == "contacts" else "mean reaction time (taps)")
 
 
 def _styles(data: xr.Dataset) -> dict[str, dict[str, Any]]:

@@ -161,7 +161,7 @@ def test_class_scores_have_a_panel_for_each_question():
         "calibration error, object",
         "fraction correct, object",
     ]
-    assert {axes.get_xlabel() for axes in panels(figure)} == {"contacts"}
+    assert {axes.get_xlabel() for axes in panels(figure)} == {"taps"}
     assert [text.get_text() for text in figure.legends[0].get_texts()] == [*NAMES[:3], "chance"]
     last = panels(figure)[5]
     for i, bars in enumerate(last.containers):
