@@ -45,16 +45,24 @@ def bars() -> Iterator[Callable[[str, int], Callable[[int], None]]]:
             if not progress.tasks:
                 shown.enter_context(progress)
             task = progress.add_task(name, total=total)
-            said = time.monotonic()
+            began = said = time.monotonic()
 
             def advance(done: int) -> None:
                 nonlocal said
                 progress.advance(task, done)
-                if not progress.console.is_terminal and time.monotonic() - said > LINE_S:
-                    said = time.monotonic()
-                    so_far = f"{name}: {progress.tasks[task].completed:.0f} of {total}"
-                    progress.console.print(so_far, highlight=False, markup=False)
+                now, finished = time.monotonic(), progress.tasks[task].completed
+                if not progress.console.is_terminal and now - said > LINE_S:
+                    said = now
+                    left = _about((now - began) * (total - finished) / finished) if 0 < finished < total else ""
+                    progress.console.print(f"{name}: {finished:.0f} of {total}{left}", highlight=False, markup=False)
 
             return advance
 
         yield stage
+
+
+def _about(seconds: float) -> str:
+    """What is left, in words; nothing below a second."""
+    if seconds < 1:
+        return ""
+    return f", about {seconds:.0f} s left" if seconds < 120 else f", about {seconds / 60:.0f} min left"
