@@ -575,23 +575,27 @@ def test_a_device_that_fails_ends_with_exit_code_3(command, folder, monkeypatch,
     assert left == [True]
 
 
-def test_a_signal_ends_an_episode(command, folder, monkeypatch, tmp_path):
+@pytest.mark.parametrize("at", [1, 3])
+def test_a_signal_ends_an_episode(command, folder, monkeypatch, tmp_path, at):
     """With a sentence and the usual exit code; lines already printed are whole, and a file has the taps so far."""
     endless = ("--engine", "numpy", "--json", "--theta", 1, "--deadline", 1000000)
     tap, taps = SimulatedRig.tap, []
 
     def interrupted(rig):
         taps.append(tap(rig))
-        if len(taps) == 3:
+        if len(taps) == at:
             signal.raise_signal(signal.SIGTERM)
         return taps[-1]
 
     monkeypatch.setattr(SimulatedRig, "tap", interrupted)
     done = command("perceive", folder / "model.nc", *endless, "--save-episode", tmp_path / "e.json")
 
-    assert [record["tap"] for record in records(done.out)] == [1, 2]
-    saved = load_episodes(tmp_path / "e.json")
-    assert ([tap.tap for tap in saved.taps], saved.ends) == ([1, 2], [])
+    whole = [*range(1, at)]
+    assert [record["tap"] for record in records(done.out)] == whole
+    assert (tmp_path / "e.json").exists() == bool(whole)
+    if whole:
+        saved = load_episodes(tmp_path / "e.json")
+        assert ([tap.tap for tap in saved.taps], saved.ends) == (whole, [])
     assert done.code == 143
     assert "Traceback" not in done.err
     assert done.err.splitlines()[-1] == "solidtouch: interrupted; no file is left incomplete."

@@ -56,6 +56,12 @@ def test_an_engine_that_is_wrong_is_named_with_its_first_case(short, monkeypatch
     assert "shift-prior: DIFFERS tap 1: posterior" in " ".join(done.output.split())
 
 
+def test_a_check_has_the_seed():
+    found = checks.checked(checks.Planned("check", "truth", lambda seed: (f"seed {seed}", seed > 6)), 7)
+
+    assert (found.name, found.against, found.found, found.passed) == ("check", "truth", "seed 7", True)
+
+
 @pytest.mark.slow
 def test_beliefs_that_are_too_cautious_are_found(short, monkeypatch):
     calibrate = checks.calibrate
