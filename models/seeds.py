@@ -66,7 +66,6 @@ class Purpose(IntEnum):
     CHECKS = 28  # of compare; draw
     SCORES = 29  # of compare, drawn with
     SINGLE_TAPS = 43  # of compare, by which importance sampling is judged
-    COMPONENTS = 31
     ALIKE = 36  # permutations of several strata; their label
     SUSPECTS = 37  # session and half, how many numbers came before
     CONTACT_SCORES = 38  # of compare; contacts, the taps as they are or resampled

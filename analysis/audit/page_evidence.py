@@ -125,13 +125,11 @@ def _components(found: Row) -> Iterator[Block]:
             _QUANTITIES[row["quantity"]],
             _COMPONENTS[row["component"]],
             triple([row["mean"], row["low"], row["high"]]),
-            number(row["r_hat"]),
-            number(row["ess_bulk"], 3),
         ]
         for row in found["standard_deviations"]
         if row["mean"] is not None
     ]
-    heads = ["quantity", "component", "mean", "R-hat", "effective draws"]
+    heads = ["quantity", "component", "mean"]
     yield Table(heads, rows, "Standard deviations from a hierarchical model, with 90% intervals", words={1})
 
 

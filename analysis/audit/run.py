@@ -41,7 +41,7 @@ from .remedies import RefusedRemedy, Remedy, beside_right, count_remedies, make_
 from .remedy_scores import Measured, count_measurements, measure, policy_of
 from .thresholds import Recalibrated, recalibrate, tune_threshold
 from .variance.causes import SEQUENCE, split_variance
-from .variance.gains import Components, import_samplers, variance_components
+from .variance.gains import Components, variance_components
 from .variance.split import session_p
 from .variance.suspects import Suspect, named_suspects
 from .verdict import NOT_ENOUGH, calibration
@@ -161,8 +161,6 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
     options: dict[str, Any] = {"permutations": settings.permutations, "seed": seed}
     where, what = taps.indices(grid)
     components = None
-    if settings.components:
-        import_samplers()
     with other_threads(2) as threads:  # so that no core waits while Python keeps another one busy
         known = [parts.train] if parts.halved else [parts.train, *parts.tune]
         leaks = clock.beside(
@@ -173,8 +171,8 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
         if settings.components:
             components = clock.beside(
                 threads,
-                "Sampling variance components",
-                lambda _: variance_components(taps.doubles, where * grid.M + what, taps.session, seed),
+                "Estimating variance components",
+                lambda _: variance_components(taps.doubles, where * grid.M + what, taps.session),
             )
         tested, of_class = taps.select(some), stratum[some]
 

@@ -44,7 +44,7 @@ _TAXEL_TESTS = (
     "permutations",
     "reason",
 )
-_NO_COMPONENTS = "Variance components of gain and offset were not sampled, as in every preview (`--quick`)."
+_NO_COMPONENTS = "Variance components of gain and offset were not estimated, as in every preview (`--quick`)."
 _SIZE_WORDS = {
     "design_effect": "design effect of the evidence of a tap, median over classes",
     "sequence_effect": "the same of a sequence, all classes",

@@ -160,7 +160,7 @@ def test_a_setting_is_reproduced(command, tmp_path, make_taps):
 
     assert done.code == 0
     assert "Setting: by hand\nModel gaussian\n" in done.out
-    assert "Passive and active at threshold 0.83" in done.out
+    assert "At threshold 0.83, compared with passive perception" in done.out
     assert summary["shown_theta"] == 0.83
     assert summary["grid"]["L"] == 8
     assert len(summary["options"]["thresholds"]) == 14
@@ -239,7 +239,7 @@ def test_passive_and_active_agree_where_decisions_take_one_tap(command, tmp_path
     said = " ".join(done.out.split())
     assert sentence in said
     assert sentence in html.unescape((tmp_path / "run" / "report.html").read_text())
-    assert "Passive and active at threshold 0.8" in said
+    assert "At threshold 0.8, compared with passive perception" in said
     row = r"(stored|fresh) (passive − active|passive|active)" + 3 * r" [−\d.]+ \[[−\d.]+, [−\d.]+\]"
     policies = ["passive", "active", "passive − active"]
     assert re.findall(row, said) == [(side, policy) for side in ("stored", "fresh") for policy in policies]

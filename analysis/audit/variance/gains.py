@@ -3,8 +3,8 @@
 Every tap is laid over the mean tap of its class: its deviation is regressed on what the mean tap does after its first
 sample, and on a constant. The slope is the gain of the tap, less 1, and the constant its offset. What noise adds to
 them is seen from the scatter over taxels, whose noise is independent; noise common to all taxels is an offset that
-differs between taps. `models/measurement/gain_variance.py` says how gains and offsets come about; its posterior is
-sampled by NUTS.
+differs between taps. `models/measurement/gain_variance.py` says how gains and offsets come about, and has the
+posterior.
 
 Taps of one class in one session share what the session does to the sensor and how the object was mounted. The more of
 the variance of gains that is, the less more taps help: n taps have as much to say about the gain as
@@ -13,7 +13,7 @@ and the mounting in the variance between taps without the noise of single taxels
 """
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -22,25 +22,19 @@ from numpy.typing import ArrayLike, NDArray
 from ....models.blocks import ScaledSamples
 from ....models.errors import InputError
 from ....models.measurement.fits.priors import Taps
+from ....models.measurement.gain_variance import COMPONENTS, GainCells, GainPosterior, gain_posteriors
 from ....models.measurement.scaling import class_sums, sum_by
-from ....models.seeds import Purpose, derived_seed
-from ....models.threads import one_blas_thread
 from ...page.numbers import spanned
-
-if TYPE_CHECKING:
-    from ....models.measurement.gain_variance import GainCells
 
 QUANTITIES = ("gain", "offset")
 PROBABILITY = 0.9
 """Of the intervals."""
+_ENDS = ("mean", "low", "high")
 SEQUENCES = (1, 2, 5, 10, 20, 50)
 """Lengths of sequences whose effective number of taps is given."""
 
 MOST_CLASSES = 150
-"""Of more classes than these, as many evenly chosen ones are sampled from: they tell enough, and it takes seconds."""
-CHAINS, WARM_UP, DRAWS = 4, 300, 500
-_ACCEPT = 0.9
-_R_HAT, _ESS = 1.03, 200.0
+"""Of more classes than these, as many evenly chosen ones are used: they tell enough."""
 _FLAT = 10.0  # variance of a mean tap over that of its noise, below which its slope says little of a gain
 _SPREAD = 1e-9  # of its square: a mean tap that varies less is constant
 
@@ -70,17 +64,14 @@ class Components(NamedTuple):
     """Variance components of gain and offset.
 
     Attributes:
-        data: ArviZ tree with the groups `posterior` (standard deviations by quantity, offsets in the unit of the
-            samples, and `rho`) and `sample_stats`; `None` where nothing can be told.
-        summary: Dims (quantity, component): `mean`, `low` and `high` of standard deviations, `r_hat`, `ess_bulk` and
-            `ess_tail`; NaN for what cannot be told.
+        summary: Dims (quantity, component): `mean`, `low` and `high` of standard deviations, offsets in the unit of the
+            samples; NaN for what cannot be told.
         rho: Dim quantity: `mean`, `low` and `high` of the intraclass correlation.
         effective: Dim n: `mean`, `low` and `high` of the effective number of independent taps of n, for the gain.
-        converged: Whether the chains did.
+        converged: Whether the integrals over standard deviations did.
         sentences: The same in words.
     """
 
-    data: xr.DataTree | None
     summary: xr.Dataset
     rho: xr.Dataset
     effective: xr.Dataset
@@ -94,21 +85,10 @@ def effective_taps(n: ArrayLike, rho: ArrayLike) -> NDArray[np.float64]:
     return n / (1 + (n - 1) * np.asarray(rho))
 
 
-def import_samplers() -> None:
-    """Imports what `variance_components` needs, before it runs beside other threads.
-
-    SciPy looks into a JAX that is there, and fails if another thread has imported half of it.
-    """
-    import numpyro.infer  # noqa: F401, PLC0415 - as in `_sample`
-
-    from ....models.measurement import gain_variance  # noqa: F401, PLC0415
-
-
 def variance_components(
     taps: NDArray[np.floating] | ScaledSamples,
     own: NDArray[np.integer],
     session: NDArray[np.integer],
-    seed: int = 0,
 ) -> Components:
     """How much gains and offsets of taps differ between sessions, classes of a session, and taps.
 
@@ -119,7 +99,6 @@ def variance_components(
         taps: Shape (N, J, K); those of a large recording are read in blocks.
         own: Class of each tap, shape (N,), any numbers.
         session: Session of each tap, shape (N,).
-        seed: Of the chains.
 
     Raises:
         InputError: The arrays do not fit together, or hold no tap.
@@ -141,8 +120,7 @@ def variance_components(
     if not gains.separable:
         return _untold(gains)
     cells = collapse(gains, own, session)
-    data = _sample(cells, gains.amplitude, seed)
-    components = _summarise(data, cells, gains)
+    components = _summarise(gain_posteriors(cells), cells, gains)
     if all_classes == len(gains.used):
         return components
     chosen = f"Variance components were estimated from {len(gains.used)} of {all_classes} classes."
@@ -279,7 +257,7 @@ def _pooled(
     return np.where(single & np.isfinite(repeated), repeated, own)
 
 
-def collapse(gains: TapGains, own: NDArray[np.integer], session: NDArray[np.integer]) -> "GainCells":
+def collapse(gains: TapGains, own: NDArray[np.integer], session: NDArray[np.integer]) -> GainCells:
     """Cell means and sums of squares of the classes that are used; offsets in units of the amplitude.
 
     Args:
@@ -287,8 +265,6 @@ def collapse(gains: TapGains, own: NDArray[np.integer], session: NDArray[np.inte
         own: Class of each tap, shape (N,).
         session: Session of each tap, shape (N,).
     """
-    from ....models.measurement.gain_variance import GainCells  # noqa: PLC0415 - NumPyro takes seconds to import
-
     chosen = np.isfinite(gains.value[0])
     classes = np.unique(own[chosen], return_inverse=True)[1]
     sessions = np.unique(session, return_inverse=True)[1]
@@ -311,104 +287,49 @@ def collapse(gains: TapGains, own: NDArray[np.integer], session: NDArray[np.inte
     )
 
 
-def _sample(cells: "GainCells", amplitude: float, seed: int) -> xr.DataTree:
-    import arviz as az  # noqa: PLC0415 - as are JAX and NumPyro, slow to import
-    import jax  # noqa: PLC0415
-    from numpyro.infer import MCMC, NUTS  # noqa: PLC0415
-    from numpyro.infer.util import potential_energy  # noqa: PLC0415
-
-    from ....models.measurement.gain_variance import COMPONENTS, components  # noqa: PLC0415
-
-    @jax.jit  # as a whole: JAX would compile the story operation by operation, which takes longer than the chains
-    def potential(log_sd: dict[str, Any]) -> Any:
-        return potential_energy(components, (cells,), {}, log_sd)
-
-    start = {name: np.full((CHAINS, len(QUANTITIES)), np.log(0.03)) for name in COMPONENTS}
-    with jax.enable_x64(True), one_blas_thread():
-        sampler = MCMC(
-            NUTS(potential_fn=potential, target_accept_prob=_ACCEPT),
-            num_warmup=WARM_UP,
-            num_samples=DRAWS,
-            num_chains=CHAINS,
-            chain_method="vectorized",
-            progress_bar=False,
-        )
-        sampler.run(jax.random.key(derived_seed(seed, Purpose.COMPONENTS)), init_params=start)
-        sites = {name: np.exp(values) for name, values in sampler.get_samples(group_by_chain=True).items()}
-        diverging = np.asarray(sampler.get_extra_fields(group_by_chain=True)["diverging"])
-    shared = sites["session"] ** 2 + sites["mounting"] ** 2
-    rho = shared / (shared + sites["tap"] ** 2)
-    unit = np.array([1.0, amplitude])
-    posterior = {name: sites[name] * unit for name in COMPONENTS} | {"rho": rho}
-    return az.from_dict(
-        {"posterior": posterior, "sample_stats": {"diverging": diverging}},
-        coords={"quantity": list(QUANTITIES)},
-        dims={name: ["quantity"] for name in posterior},
+def _summarise(posteriors: list[GainPosterior], cells: GainCells, gains: TapGains) -> Components:
+    n = np.array(SEQUENCES)
+    sds = np.full((len(QUANTITIES), len(COMPONENTS), len(_ENDS)), np.nan)
+    rhos, worth = np.full((len(QUANTITIES), len(_ENDS)), np.nan), np.full((len(n), len(_ENDS)), np.nan)
+    for quantity, (of, unit) in enumerate(zip(posteriors, (1.0, gains.amplitude), strict=True)):
+        for component, told in enumerate(cells.told):
+            if told:
+                sds[quantity, component] = _interval(unit * of.sd[component], of.marginal(component))
+        if all(cells.told):
+            session, mounting, tap = np.ix_(*(sd**2 for sd in of.sd))
+            shared = session + mounting
+            rho = (shared / np.maximum(shared + tap, np.finfo(float).tiny)).ravel()
+            rhos[quantity] = _interval(rho, of.weight.ravel())
+            if QUANTITIES[quantity] == "gain":
+                _, most, fewest = effective_taps(n[:, None], rhos[quantity]).T
+                worth = np.stack([effective_taps(n[:, None], rho) @ of.weight.ravel(), fewest, most], axis=-1)
+    coords = {"quantity": list(QUANTITIES), "component": list(COMPONENTS), "n": n}
+    summary, share, effective = (
+        xr.DataArray(values, {dim: coords[dim] for dim in dims}, [*dims, "end"])
+        .assign_coords(end=list(_ENDS))
+        .to_dataset("end")
+        for values, dims in ((sds, ("quantity", "component")), (rhos, ("quantity",)), (worth, ("n",)))
     )
-
-
-def _summarise(data: xr.DataTree, cells: "GainCells", gains: TapGains) -> Components:
-    import arviz as az  # noqa: PLC0415
-
-    from ....models.measurement.gain_variance import COMPONENTS  # noqa: PLC0415
-
-    posterior = data["posterior"].dataset
-    told = _told(cells)
-    sds = posterior[list(COMPONENTS)].to_array("component")
-    statistics = {
-        "r_hat": az.rhat(posterior),
-        "ess_bulk": az.ess(posterior, method="bulk"),
-        "ess_tail": az.ess(posterior, method="tail"),
-    }
-    summary = _interval(sds).assign(
-        {name: values[list(COMPONENTS)].to_array("component") for name, values in statistics.items()}
-    )
-    mask = xr.DataArray([told[name] for name in COMPONENTS], dims="component")
-    summary = summary.transpose("quantity", "component").where(mask)
-    rho_told = all(told.values())
-    rho = _interval(posterior["rho"]).where(rho_told)
-    n = xr.DataArray(list(SEQUENCES), dims="n", coords={"n": list(SEQUENCES)})
-    effective = _interval(n / (1 + (n - 1) * posterior["rho"].sel(quantity="gain", drop=True))).where(rho_told)
-    diverged = int(data["sample_stats"].dataset["diverging"].sum())
-    worst_r, least_ess = (
-        (float(statistics["r_hat"].to_array().max())),
-        float(min(statistics[name].to_array().min() for name in ("ess_bulk", "ess_tail"))),
-    )
-    converged = bool(worst_r <= _R_HAT and least_ess >= _ESS and diverged <= CHAINS * DRAWS // 100)
-    chains = (
-        f"NUTS, {CHAINS} chains of {DRAWS} draws: worst R-hat {worst_r:.3f} (at most {_R_HAT:g}), smallest effective "
-        f"sample size {least_ess:.0f} (at least {_ESS:.0f}), {diverged} divergences."
-    )
+    converged = all(of.converged for of in posteriors)
+    sentences = tuple(_sentences(summary, share, effective, cells, gains))
     if not converged:
-        chains = f"The chains did not converge, so the intervals are unreliable. {chains}"
-    sentences = (*_sentences(summary, rho, effective, cells, gains), chains)
-    return Components(data, summary, rho, effective, converged, sentences)
+        sentences += ("The integrals over standard deviations did not converge, so the intervals are unreliable.",)
+    return Components(summary, share, effective, converged, sentences)
 
 
-def _interval(draws: xr.DataArray) -> xr.Dataset:
-    """Mean and central interval over chains and draws."""
-    dims = ("chain", "draw")
-    ends = draws.quantile([(1 - PROBABILITY) / 2, (1 + PROBABILITY) / 2], dims)
-    return xr.Dataset(
-        {
-            "mean": draws.mean(dims),
-            "low": ends.isel(quantile=0, drop=True),
-            "high": ends.isel(quantile=1, drop=True),
-        }
-    )
-
-
-def _told(cells: "GainCells") -> dict[str, bool]:
-    """Which components the taps can tell of at all."""
-    sessions = (cells.taps > 0).sum(axis=0)
-    several = int((sessions > 1).sum())
-    return {"session": several >= 2, "mounting": several >= 2, "tap": bool((cells.taps > 1).any())}
+def _interval(values: NDArray[np.float64], weight: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Mean and ends of the central interval of values with probabilities."""
+    order = values.argsort()
+    below = weight[order].cumsum() - weight[order] / 2
+    ends = np.interp([(1 - PROBABILITY) / 2, (1 + PROBABILITY) / 2], below, values[order])
+    return np.array([values @ weight, *ends])
 
 
 def _sentences(
-    summary: xr.Dataset, rho: xr.Dataset, effective: xr.Dataset, cells: "GainCells", gains: TapGains
+    summary: xr.Dataset, rho: xr.Dataset, effective: xr.Dataset, cells: GainCells, gains: TapGains
 ) -> Iterator[str]:
-    told, R = _told(cells), int((cells.taps > 0).any(axis=1).sum())
+    told: dict[str, bool] = dict(zip(COMPONENTS, cells.told, strict=True))
+    R = int((cells.taps > 0).any(axis=1).sum())
     left_out = int((~gains.used).sum())
     if left_out:
         yield f"{left_out} of {len(gains.used)} classes were left out because their mean tap does not exceed the noise."
@@ -448,17 +369,14 @@ def _range(row: xr.Dataset, factor: float, unit: str) -> str:
 
 
 def _untold(gains: TapGains) -> Components:
-    from ....models.measurement.gain_variance import COMPONENTS  # noqa: PLC0415
-
     coords = {"quantity": list(QUANTITIES), "component": list(COMPONENTS)}
     nothing = np.full((len(QUANTITIES), len(COMPONENTS)), np.nan)
-    three, six = ("mean", "low", "high"), ("mean", "low", "high", "r_hat", "ess_bulk", "ess_tail")
-    summary = xr.Dataset(dict.fromkeys(six, (("quantity", "component"), nothing)), coords)
-    rho = xr.Dataset(dict.fromkeys(three, ("quantity", nothing[:, 0])), {"quantity": list(QUANTITIES)})
     lost = np.full(len(SEQUENCES), np.nan)
-    effective = xr.Dataset(dict.fromkeys(three, ("n", lost)), {"n": list(SEQUENCES)})
+    summary = xr.Dataset(dict.fromkeys(_ENDS, (("quantity", "component"), nothing)), coords)
+    rho = xr.Dataset(dict.fromkeys(_ENDS, ("quantity", nothing[:, 0])), {"quantity": list(QUANTITIES)})
+    effective = xr.Dataset(dict.fromkeys(_ENDS, ("n", lost)), {"n": list(SEQUENCES)})
     sentence = (
         f"Variance components cannot be estimated: none of {len(gains.used)} mean taps varies enough, relative to its "
         "noise, to separate a gain from an offset."
     )
-    return Components(None, summary, rho, effective, True, (sentence,))
+    return Components(summary, rho, effective, True, (sentence,))
