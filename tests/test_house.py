@@ -51,7 +51,6 @@ EVERYWHERE = {"numpy", "scipy", "xarray", "msgspec"}
 EDGES = {
     "anywidget": ("analysis/live/widget.py",),
     "arviz": (
-        "analysis/audit/variance/gains.py",
         "analysis/compare/taps.py",
         "models/measurement/fits/nuts.py",
     ),
@@ -70,7 +69,6 @@ EDGES = {
         "models/storage.py",
     ),
     "jax": (
-        "analysis/audit/variance/gains.py",
         "analysis/conformance/routes.py",
         "analysis/correctness/sbc_arrays.py",
         "inference/engines/enumeration.py",
@@ -98,7 +96,6 @@ EDGES = {
     "mpmath": ("analysis/conformance/exact.py",),
     "numba": ("models/compiled.py", "models/vectors.py"),
     "numpyro": (
-        "analysis/audit/variance/gains.py",
         "inference/engines/enumeration.py",
         "models/measurement/**/*.py",
         "models/touch.py",

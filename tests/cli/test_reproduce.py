@@ -240,15 +240,11 @@ def test_passive_and_active_agree_where_decisions_take_one_tap(command, tmp_path
     assert sentence in said
     assert sentence in html.unescape((tmp_path / "run" / "report.html").read_text())
     assert "At threshold 0.8, compared with passive perception" in said
-    row = r"(stored|fresh) (passive − active|passive|active)" + 3 * r" [−\d.]+ \[[−\d.]+, [−\d.]+\]"
-    policies = ["passive", "active", "passive − active"]
-    assert re.findall(row, said) == [(side, policy) for side in ("stored", "fresh") for policy in policies]
+    assert " ".join(summary["headline"]["answer"]) in said
     assert "from trials on test taps of each class, drawn with replacement" in said
-    assert [part["policy"] for part in summary["headline"]["fresh"]["rows"]] == [
-        "passive",
-        "active",
-        "passive - active",
-    ]
+    for side in ("stored", "fresh"):
+        policies = [part["policy"] for part in summary["headline"][side]["rows"]]
+        assert policies == ["passive", "active", "passive - active"]
 
 
 @pytest.mark.slow
