@@ -36,6 +36,8 @@ MEANS = {
     "impossible": "fraction of sequences whose true class has belief 0",
     "no_class_left": "fraction of sequences that are impossible under every class",
 }
+RANKED = "log_score_joint"
+"""By which models are ranked."""
 IMPOSSIBLE = ("impossible", "no_class_left")
 CALIBRATIONS = {
     "calibration_what": "calibration error of the belief in the most probable object",
@@ -119,8 +121,8 @@ def class_scores(
 
     Returns:
         Dims (model, contacts): `MEANS` (log scores in nats) and `CALIBRATIONS`, each with `_low`, `_high`,
-        `_difference` (model less reference), `_difference_low` and `_difference_high`; and over (contacts) the
-        numbers of `classes` and `sequences`.
+        `_difference` (model less reference), `_difference_low` and `_difference_high`; of `RANKED` also `_step`,
+        see `stats.pairing.with_intervals`; and over (contacts) the numbers of `classes` and `sequences`.
 
     Raises:
         InputError: The tables do not hold the same taps, or no number of contacts is left.
@@ -178,6 +180,7 @@ def class_scores(
                 biased=name in CALIBRATIONS,
                 smallest=float(answers.get(name, 2) > 1),
                 independent=independent if name.startswith("accuracy") or name in IMPOSSIBLE else None,
+                steps=name == RANKED,
             )
         )
     return result

@@ -75,8 +75,9 @@ def _method(summary: Row) -> Iterator[Block]:
         "over the posterior (by plug-in parameters for all models if one has no posterior), at power 1. Classes: mean "
         "log belief in the true (position, object) class. Decisions: "
         "mean object error at the longest mean reaction time reached by all models or, if there is none, by most. "
-        "Adjacent ranks may be ties: what counts is the interval of a difference. Differences are from the first of "
-        "--models; name another first for differences from that."
+        "Adjacent ranks may be ties: what counts is the interval of a difference. The best model is compared with "
+        "the second and with the first of --models, from which differences are; name another first for differences "
+        "from that."
     )
     yield _models(summary)
 

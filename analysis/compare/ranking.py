@@ -22,8 +22,8 @@ class Criterion(NamedTuple):
         unit: Of the values.
         larger: Whether larger is better.
         values: Of each model that has one.
-        low: Lower ends of the intervals of the differences to the reference model.
-        high: Upper ends.
+        difference: Ends of the intervals of differences to the reference model.
+        step: Ends of the intervals of differences to the model with the next smaller value.
     """
 
     title: str
@@ -31,8 +31,8 @@ class Criterion(NamedTuple):
     unit: str
     larger: bool
     values: dict[str, float]
-    low: dict[str, float]
-    high: dict[str, float]
+    difference: dict[str, tuple[float, float]]
+    step: dict[str, tuple[float, float]]
 
     def rank(self, name: str) -> int:
         """Rank of a model: 1 plus the number of better ones; ties share a rank."""
@@ -99,27 +99,35 @@ def rank_rows(levels: Sequence[Criterion], names: Sequence[str]) -> list[Row]:
     ]
 
 
-def findings(levels: Sequence[Criterion], reference: str) -> list[str]:
-    """Sentences: the best model at each level, by how much, and how the best predictor does at the others.
+def findings(levels: Sequence[Criterion], reference: str, own: Sequence[str] = ()) -> list[str]:
+    """Sentences: the best model at each level, by how much, and how the best predictor and own models do at the others.
 
-    The best model is compared with the reference model, or with the second if it is the reference model itself.
+    The best model is compared with the second and with the reference model.
+
+    Args:
+        levels: See `levels`.
+        reference: The reference model.
+        own: Models that are to be in a sentence at every level.
     """
     sentences = []
     for level in levels:
         if len(level.values) == 1 < max(len(other.values) for other in levels):
             continue  # no other model has a value
-        wins = reference in level.best  # intervals are those of differences to it
-        best, other = (reference, level.second) if wins else (level.best[0], reference)
+        best = reference if reference in level.best else level.best[0]
         equal = [name for name in level.best if name != best]
         sentence = f"{best} {level.said}: {_value(level, best)}"
         sentence += f" (equally good: {', '.join(equal)})" * bool(equal)
         first = levels[0].best[0]
         predicts = f"{first}, which {'predicts taps best' if levels[0].title == 'taps' else levels[0].said}"
-        if other in level.values:
+        second = None if equal and best != reference else level.second  # of equal ones, which has the interval?
+        others = dict.fromkeys(name for name in (second, reference) if name in level.values and name != best)
+        for number_of, other in enumerate(others):
             named = predicts if other == first else other
-            sentence += f", compared with {_value(level, other)} for {named}{_interval(level, best, other, reference)}"
-        if first not in (*level.best, other) and first in level.values:
-            sentence += f"; {predicts}, has {_value(level, first)}"
+            sentence += f"{'; and with' if number_of else ', compared with'} {_value(level, other)} for {named}"
+            sentence += _interval(level, best, other, reference)
+        for name in dict.fromkeys((first, *own)):
+            if name not in (*level.best, *others) and name in level.values:
+                sentence += f"; {f'{predicts},' if name == first else name} has {_value(level, name)}"
         sentences.append(sentence + ".")
     if levels and not set.intersection(*(set(level.best) for level in levels)):
         sentences.append("No model is best at all levels; see the table of ranks.")
@@ -127,8 +135,12 @@ def findings(levels: Sequence[Criterion], reference: str) -> list[str]:
 
 
 def _level(title: str, said: str, unit: str, larger: bool, data: xr.Dataset, name: str) -> Criterion:
-    values, low, high = (_finite(data[key]) for key in (name, f"{name}_difference_low", f"{name}_difference_high"))
-    return Criterion(title, said, unit, larger, values, low, high)
+    ends = {
+        kind: {key: (low[key], high[key]) for key in low if key in high}
+        for kind in ("difference", "step")
+        for low, high in [[_finite(data[f"{name}_{kind}_{end}"]) for end in ("low", "high")]]
+    }
+    return Criterion(title, said, unit, larger, _finite(data[name]), **ends)
 
 
 def _finite(values: xr.DataArray) -> dict[str, float]:
@@ -150,13 +162,14 @@ def _value(level: Criterion, name: str) -> str:
 
 
 def _interval(level: Criterion, best: str, other: str, reference: str) -> str:
-    """The difference of two models, of which one is the reference."""
-    compared = other if best == reference else best
-    if compared not in level.low or compared not in level.high:
+    """The difference of the best model to the reference or to the second."""
+    if reference in (best, other):
+        ends, flipped = level.difference.get(other if best == reference else best), best == reference
+    else:
+        ends, flipped = level.step.get(best if level.larger else other), not level.larger
+    if ends is None:
         why = "too few test taps" if level.larger else "too close to the end of a curve"
         return f" ({why} for an interval)"
-    low, high = level.low[compared], level.high[compared]
-    if best == reference:
-        low, high = -high, -low
+    low, high = (-ends[1], -ends[0]) if flipped else ends
     unsure = ", not significant" if low <= 0 <= high else ""
     return f"; difference {spanned(level.values[best] - level.values[other], low, high)}{unsure}"

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from ...models.measurement.model import BINS
-from ...models.measurement.registry import row
+from ...models.measurement.registry import NAMES, row, split_name
 from ..experiment.settings import SHOWN_THETA
 from ..page.figure_style import unit_name
 from ..page.labelled import rows
@@ -85,7 +85,7 @@ def summarise(comparison: Comparison, settings: CompareSettings, described: Row)
         "checks": _checks(comparison.checks),
         "levels": [{"title": level.title, "unit": level.unit} for level in ranked],
         "ranks": rank_rows(ranked, names),
-        "findings": findings(ranked, names[0]),
+        "findings": findings(ranked, names[0], [name for name in names if split_name(name)[0] not in NAMES]),
         "trials": settings.trials,
         "draws": settings.draws,
         "elapsed_s": comparison.elapsed_s,

@@ -169,7 +169,7 @@ def stacked(elpd: Mapping[str, Any]) -> Any:
 def mean_scores(
     scores: Mapping[str, TapScores], reference: str, name: str, of: ScoreKind = LOG_PROBABILITY
 ) -> xr.Dataset:
-    """Mean score per tap of every model, and of its difference to a reference, with intervals.
+    """Mean score per tap of every model, its difference to a reference and to the next smaller one, with intervals.
 
     Each cluster is left out in turn (jackknife), with its taps and, where the scores of other taps depend on it, as
     they do on the positions that the model was trained on, in what models say of those. The variance of C clusters of
@@ -188,7 +188,7 @@ def mean_scores(
     spread = Spread(factor, freedom=freedom, sizes=skewed)
     attributes = {"long_name": of.long_name, "units": of.units}
     place = names.index(reference)
-    result = with_intervals(name, samples, ("model",), place, attributes, spread, limits=of.limits)
+    result = with_intervals(name, samples, ("model",), place, attributes, spread, limits=of.limits, steps=True)
     return result.assign_coords(model=np.array(names, dtype=np.str_)).assign_attrs(
         taps=len(first.values), reference=reference, clusters=C, freedom=spread.freedom
     )

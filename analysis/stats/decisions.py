@@ -223,7 +223,8 @@ def at_equal_taps(played: xr.Dataset, taps: ArrayLike | None = None, reference: 
 
     Returns:
         Dims (model, policy, taps): `ERRORS`, each with `_low`, `_high`, `_difference` (model less reference),
-        `_difference_low` and `_difference_high`; and over (policy, taps) whether a time is `common` to all models.
+        `_difference_low` and `_difference_high`, and likewise `_step`, see `pairing.with_intervals`; and over (policy,
+        taps) whether a time is `common` to all models.
 
     Raises:
         InputError: There is no such model.
@@ -337,6 +338,7 @@ def _compared(
                 independent=played.attrs["test_taps"] / times if name in _SELDOM else None,
                 smallest=limits.step,
                 endings=list(ends[name]),
+                steps=dim == "taps",
             )
         )
     return result

@@ -1,6 +1,7 @@
 """Paired comparisons of models: the same test taps and the same resamples for all."""
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -68,6 +69,7 @@ def with_intervals(
     independent: ArrayLike | None = None,
     smallest: float = 1.0,
     endings: Sequence[NDArray[np.float64]] = (),
+    steps: bool = False,
 ) -> xr.Dataset:
     """A quantity of every model and its difference to the reference model, each with an interval.
 
@@ -87,18 +89,14 @@ def with_intervals(
             `resampling.widened`, broadcast to (models, ...).
         smallest: The smallest error.
         endings: Best and worst that the estimates might have been, shape (models, ...), see
-        `inference.trials.records`; none
-            where they could not.
+            `inference.trials.records`; none where they could not.
+        steps: Whether models are compared with the next smaller value too.
 
     Returns:
         `<name>`, `<name>_low`, `<name>_high`, and the same of `<name>_difference`, which is NaN where both models
-        are infinite.
+        are infinite; with `steps` the same of `<name>_step`, the difference to the model of the next smaller value,
+        NaN for the smallest.
     """
-    with np.errstate(invalid="ignore"):
-        difference = samples - samples[reference]
-        apart = [one - other[reference] for one, other in zip(endings, endings[::-1], strict=True)]
-    for one in apart:
-        one[reference] = difference[reference, ..., 0]
     least, most = limits
     own, event = spread.interval(samples, least, most, endings), np.zeros(samples.shape[:-1])
     if independent is not None:
@@ -107,17 +105,36 @@ def with_intervals(
         seen = spread.per_error(samples, least, most)
         event += np.where(seen > 0, seen, smallest / np.maximum(independent, 1))
         few = (seen == 0) | (np.minimum(center - least, most - center) < _FEW_ERRORS * seen)
-        event = np.where(few | few[reference], np.hypot(event, event[reference]), 0.0)
-        event[reference] = 0.0
-    apart_by = spread.interval(difference, endings=apart, event=event)
+    else:
+        few = np.zeros(event.shape, dtype=bool)
+    rows, number = [(name, samples, own, limits)], np.indices(event.shape)[0]
+    bases = {"difference": np.full_like(number, reference)} | (
+        {"step": _next_smaller(samples[..., 0])} if steps else {}
+    )
+    for label, base in bases.items():
+        there, itself = partial(np.take_along_axis, indices=base, axis=0), base == number
+        with np.errstate(invalid="ignore"):
+            difference = samples - np.take_along_axis(samples, base[..., np.newaxis], axis=0)
+            apart = [one - there(other) for one, other in zip(endings, endings[::-1], strict=True)]
+        if label == "step":
+            difference[itself] = np.nan
+        apart = [np.where(itself, difference[..., 0], one) for one in apart]
+        between = np.where((few | there(few)) & ~itself, np.hypot(event, there(event)), 0.0)
+        ends = spread.interval(difference, endings=apart, event=between)
+        rows.append((f"{name}_{label}", difference, ends, (least - most, most - least)))
     result = {}
-    for label, values, ends, bounds in (
-        (name, samples, own, limits),
-        (f"{name}_difference", difference, apart_by, (least - most, most - least)),
-    ):
+    for label, values, ends, bounds in rows:
         # The lower end moves by an excess, the upper one by what is missing.
         excess = np.nan_to_num(spread.center(values) - values[..., 0]) if biased else np.zeros(values.shape[:-1])
         low, high = ends[0] - np.maximum(excess, 0.0), ends[1] - np.minimum(excess, 0.0)
         low, high = np.clip(low, *bounds), np.clip(high, *bounds)
         result |= {label: values[..., 0], f"{label}_low": low, f"{label}_high": high}
     return xr.Dataset({key: (dims, values, dict(attributes)) for key, values in result.items()})
+
+
+def _next_smaller(values: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Index of the model whose value is the next smaller one, itself for the smallest; shape (models, ...)."""
+    order = values.argsort(axis=0, kind="stable")
+    found = np.empty_like(order)
+    np.put_along_axis(found, order, np.concatenate([order[:1], order[:-1]]), axis=0)
+    return found

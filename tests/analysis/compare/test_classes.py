@@ -1,5 +1,7 @@
 """Scores of models after fixed numbers of contacts, on tables whose answers are known or can be counted."""
 
+import itertools
+
 import numpy as np
 import pytest
 from scipy.special import logsumexp
@@ -381,3 +383,22 @@ def test_beliefs_that_differ_by_rounding_share_a_bin():
     rounded = belief + np.random.default_rng(1).choice([-(2.0**-53), 0.0, 2.0**-52], size=500)
 
     np.testing.assert_array_equal(_bins(rounded, weight), _bins(belief, weight))
+
+
+def test_steps_are_differences_to_the_next_smaller_model(rng):
+    """With the ends that it has as the reference; none of the smallest, nor where a value is missing."""
+    samples = rng.normal(size=(4, 3, 21)) * 0.1 + rng.permuted(np.tile(np.arange(4.0)[:, None], 3), axis=0)[..., None]
+    samples[2, 0] = np.nan
+    found = with_intervals("x", samples, ("model", "n"), 0, {}, Spread(1.0), steps=True)
+    for n in range(3):
+        order = [int(m) for m in np.argsort(samples[:, n, 0]) if np.isfinite(samples[m, n, 0])]
+        assert np.isnan(found.x_step.values[order[0], n])
+        for below, above in itertools.pairwise(order):
+            alone = with_intervals("x", samples, ("model", "n"), below, {}, Spread(1.0))
+            for end in ("", "_low", "_high"):
+                wanted = alone[f"x_difference{end}"].values[above, n]
+                assert found[f"x_step{end}"].values[above, n] == pytest.approx(wanted)
+    assert np.isnan(found.x_step_low.values[2, 0])
+    assert set(with_intervals("x", samples, ("model", "n"), 0, {}, Spread(1.0))) == {
+        name for name in found if "step" not in str(name)
+    }

@@ -1,5 +1,6 @@
 """Ranks of models at the levels of a comparison, and the sentences about them."""
 
+import itertools
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,14 +10,17 @@ from solidtouch.analysis.compare.ranking import Criterion, findings, levels, poi
 
 
 def level(title: str, values: dict[str, float], *, larger: bool = True) -> Criterion:
-    """A level whose intervals are of width 2 around the differences to the first model."""
+    """A level whose intervals are of width 2 around differences to the first model, and of width 4 to the next one."""
     base = next(iter(values.values()))
-    low = {name: value - base - 1 for name, value in values.items()}
-    high = {name: value - base + 1 for name, value in values.items()}
-    return Criterion(title, f"is best at {title}", "nat", larger, values, low, high)
+    difference = {name: (value - base - 1, value - base + 1) for name, value in values.items()}
+    ascending = sorted(values, key=values.__getitem__)
+    gaps = {name: values[name] - values[below] for below, name in itertools.pairwise(ascending)}
+    step = {name: (gap - 2, gap + 2) for name, gap in gaps.items()}
+    return Criterion(title, f"is best at {title}", "nat", larger, values, difference, step)
 
 
 TAPS = level("taps", {"a": -10.0, "b": -8.0, "c": -9.0})
+ENDS = tuple(f"_{kind}_{end}" for kind in ("difference", "step") for end in ("low", "high"))
 ERROR = level("active error", {"a": 0.4, "b": 0.9}, larger=False)
 
 
@@ -40,7 +44,10 @@ def test_equal_models_share_the_better_rank():
 def test_sentences_name_the_best_and_what_it_costs_elsewhere():
     """The best at taps is followed through the other levels, the reference is given beside every winner."""
     sentences = findings([TAPS, ERROR], "a")
-    assert sentences[0] == "b is best at taps: −8 nat, compared with −10 nat for a; difference 2.0 (1.0 to 3.0)."
+    assert sentences[0] == (
+        "b is best at taps: −8 nat, compared with −9 nat for c; difference 1.0 (−1.0 to 3.0), not significant; and "
+        "with −10 nat for a; difference 2.0 (1.0 to 3.0)."
+    )
     assert (
         "a is best at active error: 0.4 nat, compared with 0.9 nat for b, which predicts taps best; difference "
         "−0.5 (−1.5 to 0.5), not significant."
@@ -52,20 +59,38 @@ def test_a_reference_that_wins_is_compared_with_the_second_best():
     """By the interval of the difference to it with the opposite sign; a single model is compared with none."""
     second = "a is best at taps: −7 nat, compared with −8 nat for c; difference 1.0 (0.0 to 2.0), not significant."
     assert findings([level("taps", {"a": -7.0, "b": -12.0, "c": -8.0})], "a") == [second]
-    skewed = Criterion("error", "is best", "mm", False, {"a": 1.0, "b": 3.0}, {"b": 0.5}, {"b": 2.5})
+    skewed = Criterion("error", "is best", "mm", False, {"a": 1.0, "b": 3.0}, {"b": (0.5, 2.5)}, {})
     assert findings([skewed], "a") == ["a is best: 1 mm, compared with 3 mm for b; difference −2.0 (−2.5 to −0.5)."]
     assert findings([level("taps", {"a": -7.0})], "a") == ["a is best at taps: −7 nat."]
 
 
 def test_a_reference_that_shares_the_win_is_the_one_compared():
     """Intervals are those of differences to it, and so of no other winner."""
-    tied = Criterion(
-        "x", "is best", "mm", False, {"a": 0.0, "b": 0.0, "c": 0.5}, {"a": -0.1, "c": 0.2}, {"a": 0.1, "c": 0.8}
-    )
+    values, difference = {"a": 0.0, "b": 0.0, "c": 0.5}, {"a": (-0.1, 0.1), "c": (0.2, 0.8)}
+    tied = Criterion("x", "is best", "mm", False, values, difference, {"b": (-0.3, 0.3), "c": (0.1, 0.9)})
     (sentence,) = findings([tied], "b")
     assert sentence == (
         "b is best: 0 mm (equally good: a), compared with 0.5 mm for c; difference −0.5 (−0.8 to −0.2)."
     )
+
+
+def test_the_best_error_is_compared_with_the_second_by_the_step_of_that_one():
+    """The step of an error leads from the best up to the second, so its ends change sign and order."""
+    values, difference = {"a": 3.0, "b": 1.0, "c": 2.0}, {"b": (-3.0, -1.5), "c": (-2.0, 0.1)}
+    steps = {"a": (0.0, 2.0), "c": (0.7, 1.2)}
+    (sentence,) = findings([Criterion("x", "is best", "mm", False, values, difference, steps)], "a")
+    assert sentence == (
+        "b is best: 1 mm, compared with 2 mm for c; difference −1.00 (−1.20 to −0.70); and with 3 mm for a; "
+        "difference −2.0 (−3.0 to −1.5)."
+    )
+
+
+def test_own_models_are_in_every_sentence():
+    """With their value where they are neither best, nor second, nor the reference."""
+    four = level("taps", {"a": -10.0, "b": -8.0, "c": -9.0, "mine": -11.0})
+    (sentence,) = findings([four], "a", ["mine"])
+    assert sentence.endswith("; mine has −11 nat.")
+    assert "mine" not in findings([four], "a")[0]
 
 
 def test_the_first_level_is_named_by_what_it_ranks():
@@ -101,7 +126,7 @@ def compared(scores: dict, equal: xr.Dataset, means: xr.Dataset | None = None) -
 def test_a_model_without_a_posterior_is_compared_by_points(integrated, by):
     """An integral over a posterior predicts better than a point, so it is no merit of the model that has one."""
     values = {"integrated": integrated, "plug_in": [-12.0, -10.0]}
-    ends = {"": 0.0, "_difference_low": -1.0, "_difference_high": 1.0}
+    ends = {"": 0.0, **dict.fromkeys(ENDS, 1.0)}
     means = xr.Dataset(
         {
             f"{name}{end}": ("model", np.add(value, more))
@@ -124,11 +149,8 @@ def test_errors_are_ranked_at_the_longest_time_that_most_models_reach():
     error = np.array([[0.6, 0.5, 0.3, 0.2], [0.5, 0.4, 0.1, np.nan]])
     coords = {"model": ["a", "b"], "policy": ["active"], "taps": [1.0, 2.0, 5.0, 9.0]}
     dims = ("model", "policy", "taps")
-    errors = {f"what_error{end}": (dims, error[:, None]) for end in ("", "_difference_low", "_difference_high")}
-    scores = {
-        f"log_score_joint{end}": (("model", "contacts"), error[:, :1])
-        for end in ("", "_difference_low", "_difference_high")
-    }
+    errors = {f"what_error{end}": (dims, error[:, None]) for end in ("", *ENDS)}
+    scores = {f"log_score_joint{end}": (("model", "contacts"), error[:, :1]) for end in ("", *ENDS)}
     comparison = compared(scores, xr.Dataset(errors, coords))
     assert levels(comparison)[-1].title == "active object error at 5 taps"
     assert levels(comparison)[-1].values == {"a": 0.3, "b": 0.1}
