@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...inference.novelty import FLAGGED
 from ...models.errors import InputError, check_path
 from ...models.grid import ClassGrid
+from ...models.io.mistakes import decode_json
 from ...models.preprocessing import Preprocessing
 from ...models.storage import complete_file, reason
 from .ending import Ending, end_record, said
@@ -243,11 +244,11 @@ def load_episodes(path: str | Path) -> Episodes:
     """
     path = check_path(path)
     try:
-        episodes = msgspec.json.decode(path.read_bytes(), type=Episodes)
+        episodes = decode_json(path.read_bytes(), Episodes)
     except OSError as error:
         raise InputError(f"{path}: cannot read: {reason(error)}.") from error
-    except (msgspec.DecodeError, RecursionError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not a file of episodes from perceive --save-episode: {error}.") from error
+    except InputError as error:
+        raise InputError(f"{path}: not a file of episodes from perceive --save-episode: {error}") from error
     try:
         _check(episodes)
     except InputError as error:

@@ -98,8 +98,9 @@ def choose_moves(
     point = check_fixation(play.fixation, model.grid.L) if strategy.aims else None
     table = None
     if targets is not None:
+        table = load_table(targets)
         with naming(f"--targets {targets}"):
-            table = load_table(targets).checked(model.grid)
+            table = table.checked(model.grid)
     policy = make_policy(name, model.grid, border=play.border, fixation_index=point, outcomes=outcomes, table=table)
     return Moves(policy, point)
 

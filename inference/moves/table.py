@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from ...models import seeds
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
+from ...models.io.mistakes import decode_json
 from ...models.measurement.model import TapModel
 from ...models.seeds import Purpose, derived_seed
 from ...models.storage import complete_file
@@ -117,11 +118,11 @@ def load_table(path: str | Path) -> TargetTable:
         InputError: The file cannot be read or is not a table of targets.
     """
     try:
-        file = msgspec.json.decode(Path(path).read_bytes(), type=_TargetsFile)
+        file = decode_json(Path(path).read_bytes(), _TargetsFile)
     except OSError as error:
         raise InputError(f"{path}: cannot read: {error.strerror}.") from error
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: not a table of targets: {error}.") from error
+    except InputError as error:
+        raise InputError(f"{path}: not a table of targets: {error}") from error
     L = len(file.target)
     square = all([len(row) for row in part] == [L] * L for part in (file.loss, file.error, file.trials))
     if not L or not square or len(file.where_value) != L or not set(file.target) <= set(range(L)):

@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from ...models.errors import InputError
+from ...models.io.mistakes import convert
 from ...models.seeds import Purpose, generator
 from ...models.storage import complete_file, read_object
 
@@ -237,9 +238,9 @@ def load_learner(path: str | Path) -> Learner:
     if values.get("format") != FORMAT:
         raise InputError(f"{path}: not a learner file: key 'format' is not {FORMAT}.")
     try:
-        file = msgspec.convert({name: value for name, value in values.items() if name != "format"}, _LearnedFile)
-    except msgspec.ValidationError as error:
-        raise InputError(f"{path}: damaged learner file: {error}.") from error
+        file = convert({name: value for name, value in values.items() if name != "format"}, _LearnedFile)
+    except InputError as error:
+        raise InputError(f"{path}: damaged learner file: {error}") from error
     learner = Learner(
         method=file.method,
         seed=file.seed,

@@ -258,7 +258,7 @@ def test_the_picture_is_kept(command, folder, tmp_path):
         (["--move", "random", "--training", "taps.nc"], "--training requires a --move that looks ahead"),
         (["--targets", "t.json"], "--targets requires --move table"),
         (["--move", "random", "--fixation", "3"], "--fixation cannot be combined with --move random"),
-        (["--move", "table", "--targets", "t.json"], "--targets t.json: t.json: cannot read"),
+        (["--move", "table", "--targets", "t.json"], "t.json: cannot read"),
         (["--move", "info-what", "--training", "none.nc"], "--training none.nc: none.nc: no such file"),
         (["--theta", "1.5"], "--theta must be a number from 0 to 1, got 1.5"),
         (["--theta-x", "nan"], "--theta-x must be a number from 0 to 1"),

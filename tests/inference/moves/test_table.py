@@ -115,7 +115,7 @@ def test_tables_are_kept_whole(table, tmp_path):
     [
         (lambda text: text[:40], "not a table of targets"),
         (lambda text: text.replace("table of targets", "model"), "not a table of targets"),
-        (lambda text: text.replace('"taps": 1', '"taps": 1, "more": 2'), "unknown field `more`"),
+        (lambda text: text.replace('"taps": 1', '"taps": 1, "more": 2'), "unknown key `more`"),
         (lambda text: text.replace('"where_value": [', '"where_value": [9, '), "its parts do not match 4 positions"),
         (lambda text: text.replace('"target": [', '"target": [7, '), "its parts do not match 5 positions"),
     ],
