@@ -59,7 +59,8 @@ def _findings(summary: Row) -> Iterator[Block]:
         return "–" if cell is None else f"**{cell['rank']}** ({number(cell['value'])})"
 
     simulated = "Ranks refer to the simulator; a real sensor may rank the models differently."
-    yield Brief(Note([Listing(summary["findings"]), simulated * summary["simulated"]]))
+    care = f"{summary['overconfident']} See [Calibration of decisions](#calibration)." * bool(summary["overconfident"])
+    yield Brief(Note([Listing(summary["findings"]), care, simulated * summary["simulated"]]))
     titles = [level["title"] + in_brackets(level["unit"]) for level in summary["levels"]]
     rows = [[row["name"], *map(rank, row["levels"])] for row in summary["ranks"]]
     yield Brief(Table(["model", *titles], rows, "Rank of each model (1 is best), with the ranked quantity in brackets"))
@@ -314,7 +315,7 @@ def _decisions(comparison: Comparison, summary: Row) -> Iterator[Block]:
         partial(figures_decisions.miscalibration, comparison.curves),
         curves=True,
     )
-    yield Section("Calibration of decisions", [calibration], folded=True)
+    yield Section("Calibration of decisions", [calibration], "calibration", folded=True)
 
 
 def _rows_of(rows: list[Row], policy: str) -> list[Row]:

@@ -14,7 +14,7 @@ from ...models.measurement.registry import NAMES, row, split_name
 from ..experiment.settings import SHOWN_THETA
 from ..page.figure_style import unit_name
 from ..page.labelled import rows
-from ..page.numbers import versions
+from ..page.numbers import factor, listed, versions
 from ..page.page import Row
 from ..stats.decisions import decision_interval_sentence, too_few_taps
 from ..stats.no_class_left import no_class_left_sentence
@@ -86,6 +86,7 @@ def summarise(comparison: Comparison, settings: CompareSettings, described: Row)
         "levels": [{"title": level.title, "unit": level.unit} for level in ranked],
         "ranks": rank_rows(ranked, names),
         "findings": findings(ranked, names[0], [name for name in names if split_name(name)[0] not in NAMES]),
+        "overconfident": overconfident(comparison.curves),
         "trials": settings.trials,
         "draws": settings.draws,
         "elapsed_s": comparison.elapsed_s,
@@ -100,6 +101,28 @@ def _no_class_left(comparison: Comparison) -> list[str]:
         for name in comparison.fits
         if (share := float(left.sel(model=name))) > 0
     ]
+
+
+def overconfident(curves: xr.Dataset) -> str:
+    """A sentence on models whose decisions are wrong more often than their beliefs imply, if there are any.
+
+    Named are those whose whole interval of the miscalibration factor at the shown threshold is above 1.
+    """
+    theta, said = _shown(curves), []
+    keys = ("miscalibration", "miscalibration_low", "miscalibration_high")
+    for policy in reversed(curves["policy"].values.tolist()):
+        at = curves.sel(policy=policy, theta=theta)
+        ends = {name: tuple(float(at[key].sel(model=name)) for key in keys) for name in at["model"].values}
+        above = sorted((name for name in ends if ends[name][1] > 1), key=lambda name: -ends[name][0])
+        models = [f"{name} ({factor(ends[name], ends[name][0] == np.inf)} times)" for name in above]
+        if models:
+            said.append(f"{policy} with {listed(models)}")
+    if not said:
+        return ""
+    return (
+        f"Overconfident: decisions at threshold {theta:g} are wrong more often than the beliefs imply: "
+        f"{'; '.join(said)}. Intervals hold for each model alone."
+    )
 
 
 def _alone(names: Sequence[str]) -> list[str]:

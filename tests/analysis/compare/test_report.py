@@ -3,6 +3,7 @@
 import json
 import warnings
 from copy import deepcopy
+from dataclasses import replace
 
 import numpy as np
 import numpyro
@@ -25,6 +26,16 @@ def report(make_taps):
     models = ["histogram", "gaussian", "profile"]
     parts = (taps.select(first), taps.select(~first))
     return compare(*parts, models=models, fit=FitSettings(bins=20), draws=0, trials=40, thresholds=[0.5, 0.9])
+
+
+def test_the_first_note_names_overconfident_models(report):
+    """With a link to the figure of all factors; nothing is said where there are none."""
+    said, silent = (
+        replace(report, summary={**report.summary, "overconfident": sentence}).page for sentence in ("Own is.", "")
+    )
+
+    assert "Own is. See [Calibration of decisions](#calibration)." in said.intro[0].block.blocks
+    assert "Calibration" not in repr(silent.intro)
 
 
 FOUR_TAPS = {"fit": FitSettings(bins=10, method="map", unconverged=True), "trials": 20, "thresholds": [0.5]}
