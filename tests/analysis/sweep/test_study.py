@@ -23,8 +23,8 @@ preset = "paper"
 
 IN_GRID = {
     "an unknown key": ("pseudocuont = [1]", "grid: unknown key `pseudocuont`"),
-    "a scalar for an axis": ("bins = 100", "grid.bins: expected `array`, got `int`"),
-    "an empty axis": ("seed = []", "grid.seed: expected `array` of length >= 1"),
+    "a scalar for an axis": ("bins = 100", "grid.bins: must be a list of length 1 or more, got 100"),
+    "an empty axis": ("seed = []", "grid.seed: must be a list of length 1 or more"),
     "no bins": ("bins = [0]", "grid.bins"),
     "a value twice": ("bins = [10, 10]", "grid.bins: 10 stands there twice"),
     "an unknown model": (
@@ -54,7 +54,7 @@ IN_GRID = {
 WRONG = {name: (f"{LEAST}[grid]\n{text}", sentence) for name, (text, sentence) in IN_GRID.items()}
 WRONG |= {
     "no TOML": ("name = ", "not TOML"),
-    "no name": (LEAST.replace('"least"', '""'), "name: expected `str` of length >= 1"),
+    "no name": (LEAST.replace('"least"', '""'), "name: must be a text of length 1 or more"),
     "a threshold beyond 1": (LEAST.replace("0.9", "1.9"), "thresholds"),
     "a single resample": (LEAST.replace("trials", "resamples = 1\ntrials"), "resamples: it takes 2 or more"),
     "no trials": (LEAST.replace("10", "0"), "trials"),
