@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
 
+from .process import kept
+
 INTERRUPTED = 130  # exit code, as in shells and Typer
 TERMINATED = 143
 MESSAGE = "solidtouch: interrupted; no file is left incomplete."
@@ -22,7 +24,8 @@ def loading() -> Iterator[None]:
     """
     before = {number: signal.signal(number, _end) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield
+        with kept():
+            yield
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -7,7 +7,8 @@ import shutil
 import sys
 import threading
 import warnings
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from hashlib import blake2b
 from pathlib import Path
 from platform import machine, processor
@@ -17,6 +18,7 @@ _KEPT = "JAX_COMPILATION_CACHE_DIR"
 _SETTINGS = {"JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0", "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "-1"}
 _MOST_BYTES = 1 << 28
 _PATIENCE_S = 2.0
+_SELDOM = 200_000, 50, 1000
 
 
 def keep_programs() -> None:
@@ -43,8 +45,22 @@ def keep_programs() -> None:
 
 
 def collect_seldom() -> None:
-    """Makes Python search for circular garbage less often, which takes up to a second while JAX and others load."""
-    gc.set_threshold(200_000, 50, 1000)
+    """Makes Python search for circular garbage less often."""
+    gc.set_threshold(*_SELDOM)
+
+
+@contextmanager
+def kept() -> Iterator[None]:
+    """Keeps what is made inside for good, once garbage is collected seldom: a search of JAX and others takes long."""
+    seldom = gc.get_threshold() == _SELDOM
+    if seldom:
+        gc.disable()
+    try:
+        yield
+    finally:
+        if seldom:
+            gc.freeze()
+            gc.enable()
 
 
 def switch_often() -> None:

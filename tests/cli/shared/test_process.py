@@ -63,6 +63,30 @@ def test_circular_garbage_is_collected_seldom_but_is():
     assert 1 <= times <= 4
 
 
+LOADED = """
+import gc
+from solidtouch.cli.shared import interrupt, process
+if {seldom}:
+    process.collect_seldom()
+searches = []
+gc.callbacks.append(lambda phase, info: searches.append(phase))
+with interrupt.loading():
+    kept = [[number] for number in range(500_000)]
+print(len(searches), gc.get_freeze_count() > 500_000, gc.isenabled())
+"""
+
+
+@pytest.mark.parametrize("seldom", [True, False])
+def test_what_a_command_loads_is_never_searched_for_garbage(seldom):
+    """Where Python collects as usual, as in programs of others, loading changes nothing."""
+    done = subprocess.run(
+        [sys.executable, "-c", LOADED.format(seldom=seldom)], capture_output=True, text=True, check=True
+    )
+    searches, kept, on = done.stdout.split()
+
+    assert (int(searches) == 0, kept, on) == (seldom, str(seldom), "True")
+
+
 END = """
 import atexit, sys, threading, time
 from solidtouch.cli.shared import process
