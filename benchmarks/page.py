@@ -30,7 +30,7 @@ def mean_interval(values: ArrayLike, digits: int = 2) -> str:
         return "-"
     half = t.ppf(0.975, len(values) - 1) * values.std(ddof=1) / np.sqrt(len(values))
     low, high = values.mean() - half, values.mean() + half
-    return f"{values.mean():.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]"
+    return f"{values.mean():z.{digits}f} [{low:z.{digits}f}, {high:z.{digits}f}]"
 
 
 def share_interval(hits: int, n: int) -> str:

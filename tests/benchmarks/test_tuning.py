@@ -82,12 +82,16 @@ def test_a_target_that_three_sessions_cannot_promise_is_refused(parts):
 
 
 def test_figures_show_every_curve(parts):
-    """Every learner has a line in both panels; chosen and as good positions are marked."""
+    """Every learner has a line for each preset, every part one over positions, before their mean."""
     curves = {"thompson": np.arange(1.0, 21).reshape(2, 10), "random": np.ones((2, 10))}
-    both = figures.regret_figure(curves).axes
-    assert [len(axes.lines) for axes in both] == [2, 2]
-    assert [text.get_text() for text in both[0].get_legend().get_texts()] == ["arms apart", "random pair"]
+    both = figures.regret_figure({"paper": curves, "broken": curves}).axes
+    assert [axes.get_title() for axes in both] == ["preset paper", "preset broken"]
+    for axes in both:
+        assert [line.get_label() for line in axes.lines] == ["thompson", "random"]
+        np.testing.assert_allclose(axes.lines[0].get_ydata(), np.arange(6.0, 16) / np.arange(1, 11))
     found = tune_parts(parts, Setting(), Price(), trials=100)
     places, thresholds = figures.tuning_figure(found).axes
+    drawn = [line.get_ydata() for line in places.lines[: len(found.fixation.errors) + 1]]
+    np.testing.assert_array_equal(drawn, [*found.fixation.errors, found.fixation.error.mean])
     assert places.lines[0].get_xdata().tolist() == parts.grid.where_value.tolist()
     assert thresholds.lines[0].get_ydata().tolist() == found.threshold.cost.mean.tolist()

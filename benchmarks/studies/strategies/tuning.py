@@ -189,9 +189,11 @@ def main() -> None:
         if options.document is not None and whole:
             write_block(options.document, name, text)
     if options.document is not None and whole:
-        sets = results[options.presets[0]]
-        publish(tuning_figure(sets[0].tuning), options.document, "tuning")
-        regret = {name: np.array([found.regret[name] for found in sets]) for name in sets[0].regret}
+        publish(tuning_figure(results[options.presets[0]][0].tuning), options.document, "tuning")
+        regret = {
+            preset: {name: np.array([found.regret[name] for found in sets]) for name in sets[0].regret}
+            for preset, sets in results.items()
+        }
         publish(regret_figure(regret), options.document, "tuning-regret")
 
 
