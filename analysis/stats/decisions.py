@@ -19,6 +19,8 @@ from ...inference.trials.resampling import (
     CONFIDENCE,
     RESAMPLE_TRIALS,
     RESAMPLES,
+    USED_UP,
+    USED_UP_SELECTED,
     Spread,
     planned_trials,
     play_resamples,
@@ -249,21 +251,27 @@ def at_equal_taps(played: xr.Dataset, taps: ArrayLike | None = None, reference: 
 
 
 def too_few_taps(curves: xr.Dataset, theta: float) -> list[str]:
-    """Where there are too few test taps for what is said of decisions, in sentences.
+    """Whether there are too few test taps for what is said of decisions: a sentence, or none.
 
     Args:
         curves: From `decision_curves`.
-        theta: Threshold that is shown; what counts is the model whose trials use up most taps there.
+        theta: Threshold that is shown; what counts is the model of each policy whose trials use up most taps there.
     """
     shares, how = curves[["used_up", SELECTED]].sel(theta=theta), spread_of(curves)
-    taps, said = int(curves.attrs["taps_per_class"]), {}
-    for policy in map(str, curves["policy"].values):
-        models = shares.sel(policy=policy)
-        most = models.isel(model=int((models["used_up"] + models[SELECTED]).values.argmax()))
-        decisions = f"{policy} decisions of {most['model'].item()}, the most of all models,"
-        used_up, selected = (float(most[name]) for name in ("used_up", SELECTED))
-        said[too_few(taps, used_up, selected, how.sessions, how.freedom, decisions)] = None
-    return [f"At threshold {theta:g}: {sentence}" for sentence in said if sentence]
+    most = shares.isel(model=(shares["used_up"] + shares[SELECTED]).argmax("model"))
+    used_up, selected = (float(most[name].max()) for name in ("used_up", SELECTED))
+    share, limit, form = most[SELECTED], USED_UP_SELECTED, ".1%"
+    if used_up > USED_UP:
+        share, limit, form = most["used_up"], USED_UP, ".0%"
+    of = [
+        (f"{float(one):{form}} of the ", f"{one['policy'].item()} decisions of {one['model'].item()}")
+        for one in share.sortby(share, ascending=False)
+        if one == share.max() or one > limit
+    ]
+    decisions = " and ".join([of[0][1], *map("".join, of[1:])]) + ", the most of all models,"
+    taps = int(curves.attrs["taps_per_class"])
+    sentence = too_few(taps, used_up, selected, how.sessions, how.freedom, decisions)
+    return [f"At threshold {theta:g}: {sentence}"] if sentence else []
 
 
 def decision_interval_sentence(curves: xr.Dataset) -> str:
