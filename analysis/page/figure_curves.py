@@ -30,7 +30,7 @@ type _Look = tuple[str, str, str]
 type CurvePoint = tuple[float, float, str, str, str]
 """Place in the figure (fractions of its width and height from the upper left), the texts of x and y, and a name."""
 
-_MOST_POINTS = 70  # of a curve; of one with more, every nth is given
+_MOST_POINTS = 100  # of a curve; of one with more, every nth is given
 _INSIDE = 0.51  # of a panel, from its middle: others are cut off
 _DIGITS = 6  # of what has no interval, as thresholds are close to 1
 
@@ -43,6 +43,7 @@ class _Told(NamedTuple):
     low: ArrayLike
     high: ArrayLike
     at: Sequence[int] | None
+    y: list[str]
 
 
 _TOLD: WeakKeyDictionary[Artist, _Told] = WeakKeyDictionary()
@@ -89,6 +90,7 @@ def read_off(
     low: ArrayLike = (),
     high: ArrayLike = (),
     at: Sequence[int] | None = None,
+    y: Sequence[str] = (),
 ) -> None:
     """Says of the points of a line what its panel does not show.
 
@@ -99,8 +101,9 @@ def read_off(
         low: Lower ends of their intervals, if these are not drawn.
         high: Upper ends.
         at: Numbers of the points that are told, for which the rest is given; `None` for all.
+        y: Texts of their y, if they are drawn beside it.
     """
-    _TOLD[line] = _Told([*names], [*x], low, high, at)
+    _TOLD[line] = _Told([*names], [*x], low, high, at, [*y])
 
 
 def curves_of(figure: Figure) -> list[CurvePanel]:
@@ -138,7 +141,7 @@ def _of_data(axes: Axes, artist: Artist) -> bool:
 
 
 def _points(figure: Figure, axes: Axes, line: Line2D) -> Iterator[CurvePoint]:
-    told = _TOLD.get(line, _Told([], [], (), (), None))
+    told = _TOLD.get(line, _Told([], [], (), (), None, []))
     chosen = slice(None) if told.at is None else told.at
     xs, ys = (np.asarray(values, dtype=np.float64)[chosen] for values in line.get_data())
     low, high = (np.asarray(end, dtype=np.float64) for end in (told.low, told.high))
@@ -152,7 +155,8 @@ def _points(figure: Figure, axes: Axes, line: Line2D) -> Iterator[CurvePoint]:
             x, y = shown.transform((xs[i], ys[i])).tolist()
             text = told.x[i] if told.x else _text(axes, "x", xs[i], left[i], right[i])
             name = told.names[i] if told.names else ""
-            yield round(x, 4), round(1 - y, 4), text, _text(axes, "y", ys[i], low[i], high[i]), name
+            value = told.y[i] if told.y else _text(axes, "y", ys[i], low[i], high[i])
+            yield round(x, 4), round(1 - y, 4), text, value, name
 
 
 def _interval(

@@ -8,8 +8,21 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ...models.grid import ClassGrid
+from .figure_curves import read_off
 from .figure_sizes import TWO_COLUMNS, new_figure
-from .figure_style import DECIDED, OTHERS, PASSIVE, TRUE, axis_label, label_panel, line_bundle, short, styled
+from .figure_style import (
+    ACTIVE,
+    DECIDED,
+    FIXATION,
+    OTHERS,
+    PASSIVE,
+    TRUE,
+    axis_label,
+    label_panel,
+    line_bundle,
+    short,
+    styled,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -84,8 +97,9 @@ def trajectories(passive: ArrayLike, active: ArrayLike, grid: ClassGrid, fixatio
         fixation: Index of the where class that active perception moves to.
     """
     figure, axes = new_figure(TWO_COLUMNS, 2.7, 1, 2, sharey=True, panel=2.6)
-    for panel, letter, name, index in zip(axes[0], "AB", ("passive", "active"), (passive, active), strict=True):
-        plot_trajectories(panel, index, grid)
+    shown = (("passive", passive, PASSIVE), ("active", active, ACTIVE))
+    for panel, letter, (name, index, colour) in zip(axes[0], "AB", shown, strict=True):
+        plot_trajectories(panel, index, grid, colour)
         label_panel(panel, letter, name)
     mark_fixation(axes[0, 1], grid, fixation)
     axes[0, 0].set_ylabel(axis_label("position", grid.axis_unit))
@@ -94,16 +108,20 @@ def trajectories(passive: ArrayLike, active: ArrayLike, grid: ClassGrid, fixatio
     return figure
 
 
-def plot_trajectories(axes: Axes, index: ArrayLike, grid: ClassGrid) -> Axes:
+def plot_trajectories(axes: Axes, index: ArrayLike, grid: ClassGrid, colour: str) -> Axes:
     """Draws one thin line per episode, slightly displaced so that lines on the same positions show."""
     index = np.asarray(index, dtype=np.float64)
     stands = np.isfinite(index) & (index >= 0)
     value = grid.where_value[np.where(stands, index, 0).astype(np.intp)]
     position = np.where(stands, value + _displacement(len(index), grid)[:, np.newaxis], np.nan)
     taps = 1 + np.arange(index.shape[1])
-    line_bundle(axes, taps, position, color="black", linewidth=0.5, alpha=0.45)
+    line_bundle(axes, taps, position, color=colour, linewidth=0.5, alpha=0.45)
     last = np.maximum(stands.sum(axis=1), 1)
-    axes.plot(last, position[np.arange(len(position)), last - 1], ".", color="black", markersize=2.2)
+    trials = np.argsort(last, kind="stable")
+    ends = trials, last[trials] - 1
+    (dots,) = axes.plot(last[trials], position[ends], ".", color=colour, markersize=2.2, label="decision")
+    starts = [f"start {grid.where_label(l)}" for l in np.where(stands, index, 0)[trials, 0].astype(int)]
+    read_off(dots, starts, [str(tap) for tap in last[trials]], y=[f"{place:g}" for place in value[ends]])
     axes.set(xlabel="tap", xlim=(0, 1.02 * last.max() + 0.5))
     axes.locator_params(axis="x", integer=True)
     axes.locator_params(axis="y", steps=[1, 2, 5, 10])
@@ -114,7 +132,7 @@ def plot_trajectories(axes: Axes, index: ArrayLike, grid: ClassGrid) -> Axes:
 def mark_fixation(axes: Axes, grid: ClassGrid, fixation: int) -> Axes:
     """Marks the fixation point on the position axis."""
     value = float(grid.where_value[fixation])
-    axes.axhline(value, color=PASSIVE, linewidth=0.8, linestyle=(0, (4, 2)), zorder=0)
+    axes.axhline(value, color=FIXATION, linewidth=0.8, linestyle=(0, (4, 2)), zorder=0)
     axes.annotate(
         "fixation\npoint",
         (1, value),
@@ -122,7 +140,7 @@ def mark_fixation(axes: Axes, grid: ClassGrid, fixation: int) -> Axes:
         xytext=(3, 0),
         textcoords="offset points",
         va="center",
-        color=PASSIVE,
+        color=FIXATION,
     )
     return axes
 

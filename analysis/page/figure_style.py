@@ -44,6 +44,7 @@ ACTIVE = "#000000"
 TRUE = "#0072b2"
 DECIDED = "#d55e00"
 OTHERS = "#a0a0a0"
+FIXATION = "#6e6e6e"
 TWELVE = (
     "#88ccee",
     "#cc6677",
@@ -321,9 +322,13 @@ def colours(n: int) -> list[Any]:
     return list(_colormap("viridis")(np.linspace(0, 0.95, n)))
 
 
-def shades(n: int) -> list[Any]:
-    """`n` greys from light to black."""
-    return [str(level) for level in np.linspace(0.8, 0, n)] if n > 1 else ["0"]
+def shades(n: int, colour: str) -> list[Any]:
+    """`n` shades of a colour, from light to itself."""
+    from matplotlib.colors import to_hex, to_rgb  # noqa: PLC0415
+
+    red, green, blue = (1 - part for part in to_rgb(colour))
+    shares = np.linspace(0.2, 1, n).tolist() if n > 1 else [1.0]
+    return [to_hex((1 - share * red, 1 - share * green, 1 - share * blue)) for share in shares]
 
 
 def discrete_colours(palette: Sequence[Any]) -> ScalarMappable:
@@ -346,13 +351,20 @@ def line_bundle(axes: Axes, x: NDArray[Any], ys: NDArray[Any], **style: Any) -> 
     axes.add_collection(LineCollection(lines, rasterized=len(lines) > 200, **style))
 
 
-def band(axes: Axes, x: ArrayLike, data: xr.Dataset, name: str, colour: Any, curves: int = 1) -> None:
-    """Shades the interval of one of so many curves over `x`, paler if they are many; a single point has a line."""
+def band(axes: Axes, x: ArrayLike, data: xr.Dataset, name: str, colour: Any) -> None:
+    """Shades and outlines the interval of a curve over `x`; a single point has a line.
+
+    Where bands overlap, outlines tell them apart: black is paler than colours, as a mixture with it looks like another.
+    """
+    from matplotlib.colors import to_hex, to_rgb  # noqa: PLC0415
+
     low, high = data[f"{name}_low"].values, data[f"{name}_high"].values
     if len(low) == 1:
         axes.vlines(x, low, high, color=colour, linewidth=0.6)
-    else:
-        axes.fill_between(np.asarray(x), low, high, color=colour, alpha=min(0.18, 0.54 / curves), linewidth=0)
+        return
+    shade = (to_hex(colour), 0.16 if max(to_rgb(colour)) > 0.3 else 0.06)
+    edge = (to_hex(colour), 0.45)
+    axes.fill_between(np.asarray(x), low, high, facecolor=shade, edgecolor=edge, linewidth=0.5)
 
 
 def every(labels: Sequence[str], characters: int) -> int:

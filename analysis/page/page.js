@@ -54,7 +54,34 @@ class Curves {
     this.scroll.addEventListener("blur", () => this.hide());
     const labels = [...new Set(this.series.map((one) => one.label))];
     const root = labels.length > 1 && drawingOf(figure.querySelector("img"));
-    if (root) figure.querySelector("figcaption").before(this.legend(labels, root));
+    const names = new Set(labels.map((label) => /^(\D+) [\d.]+$/.exec(label)?.[1]));
+    const [name] = names.size === 1 ? names : [];
+    if (root) figure.querySelector("figcaption").before(name ? this.scale(name, labels, root) : this.legend(labels, root));
+  }
+
+  // Off curves tell nothing.
+  change(series, off, root, property, value) {
+    for (const one of series) {
+      one.off = off;
+      for (const id of one.parts) root.getElementById(id)?.style.setProperty(property, value);
+    }
+    this.hide();
+  }
+
+  // Of curves on a scale, such as one of thresholds, all or one.
+  scale(name, labels, root) {
+    const range = element("input", { type: "range", max: labels.length, value: 0 });
+    const output = element("output", {}, `all ${name}s`);
+    range.addEventListener("input", () => {
+      const chosen = labels[range.value - 1];
+      output.textContent = chosen ?? `all ${name}s`;
+      range.setAttribute("aria-valuetext", output.textContent);
+      for (const one of this.series) {
+        const off = Boolean(chosen) && one.label !== chosen;
+        this.change([one], off, root, "opacity", off ? 0.1 : 1);
+      }
+    });
+    return element("label", { className: "legend" }, "Show", range, output);
   }
 
   legend(labels, root) {
@@ -70,11 +97,7 @@ class Curves {
       button.addEventListener("click", () => {
         const off = button.getAttribute("aria-pressed") === "true";
         button.setAttribute("aria-pressed", String(!off));
-        for (const one of own) {
-          one.off = off;
-          for (const id of one.parts) root.getElementById(id)?.style.setProperty("display", off ? "none" : "inline");
-        }
-        this.hide();
+        this.change(own, off, root, "display", off ? "none" : "inline");
       });
       legend.append(button);
     }

@@ -47,9 +47,9 @@ _POLICIES: dict[str, dict[str, Any]] = {
     "active": {"color": ACTIVE, "marker": "o"},
 }
 _SERIES: dict[str, dict[str, Any]] = {
-    "joint": {"color": "black", "marker": "o"},
-    "where": {"color": "#0072b2", "marker": "s"},
-    "what": {"color": "#d55e00", "marker": "^"},
+    "joint": {"color": "#332288", "marker": "o"},
+    "where": {"color": "#44aa99", "marker": "s"},
+    "what": {"color": "#aa4499", "marker": "^"},
 }
 
 
@@ -124,6 +124,7 @@ def _active_pictures(request: Request, results: Results) -> Iterator[Picture]:
         f"Position against taps in {TRAJECTORIES} passive (A) and active (B) trials at threshold "
         f"{theta:g}; the fixation point is {results.grid.where_label(results.fixation)}.",
         partial(trajectories, *results.paths, results.grid, results.fixation),
+        curves=True,
     )
 
 
@@ -145,48 +146,48 @@ def _acuity(results: Results) -> Picture:
 
 @styled
 def errors_by_position(data: xr.Dataset) -> Figure:
-    """Errors and reaction time against sensing position, one shade of grey per threshold; Fig. 5, passive."""
-    return _errors_by_place(data, "sensing position")
+    """Errors and reaction time against sensing position, one shade per threshold; Fig. 5, passive."""
+    return _errors_by_place(data, "sensing position", PASSIVE)
 
 
 @styled
 def errors_by_fixation(data: xr.Dataset) -> Figure:
-    """Errors and reaction time against fixation point, one shade of grey per threshold; Fig. 5, active."""
-    return _errors_by_place(data, "fixation point")
+    """Errors and reaction time against fixation point, one shade per threshold; Fig. 5, active."""
+    return _errors_by_place(data, "fixation point", ACTIVE)
 
 
-def _errors_by_place(data: xr.Dataset, place: str) -> Figure:
+def _errors_by_place(data: xr.Dataset, place: str, colour: str) -> Figure:
     figure, axes = new_figure(TWO_COLUMNS, 2.3, 1, 3, panel=2.0)
     for panel, letter, name in zip(axes[0], "ABC", _QUANTITIES, strict=True):
-        plot_by_place(panel, data, name)
+        plot_by_place(panel, data, name, colour)
         panel.set_xlabel(axis_label(place, data["place"].attrs.get("units", "")))
         label_panel(panel, letter)
-    _threshold_key(figure, axes[0], np.sort(data["theta"].values))
+    _threshold_key(figure, axes[0], np.sort(data["theta"].values), colour)
     return figure
 
 
-def plot_by_place(axes: Axes, data: xr.Dataset, name: str) -> Axes:
-    """Draws one quantity against place, a line per threshold; the highest has its interval."""
+def plot_by_place(axes: Axes, data: xr.Dataset, name: str, colour: str) -> Axes:
+    """Draws one quantity against place, a line per threshold, the highest in this colour with its interval."""
     data = data.sortby(["place", "theta"])
     place = data["place"].values
     size = 3 if len(place) <= 20 else 1.5
-    for i, colour in enumerate(shades(data.sizes["theta"])):
+    for i, shade in enumerate(shades(data.sizes["theta"], colour)):
         at = data.isel(theta=i)
-        style: dict[str, Any] = {"color": colour, "linewidth": 0.8, "markersize": size}
+        style: dict[str, Any] = {"color": shade, "linewidth": 0.8, "markersize": size}
         (line,) = axes.plot(place, at[name].values, ".-", label=f"threshold {float(at['theta']):g}", **style)
         read_off(line, low=at[f"{name}_low"], high=at[f"{name}_high"])
-    band(axes, place, data.isel(theta=-1), name, "black")
+    band(axes, place, data.isel(theta=-1), name, colour)
     axes.set_ylabel(_quantity_label(data, name))
     axes.set_ylim(bottom=0)
     class_ticks(axes, place)
     return axes
 
 
-def _threshold_key(figure: Figure, axes: np.ndarray, theta: np.ndarray) -> None:
+def _threshold_key(figure: Figure, axes: np.ndarray, theta: np.ndarray, colour: str) -> None:
     if len(theta) == 1:
         axes[-1].set_title(f"threshold {theta[0]:g}", loc="right")
         return
-    bar = figure.colorbar(discrete_colours(shades(len(theta))), ax=list(axes), aspect=25, pad=0.02)
+    bar = figure.colorbar(discrete_colours(shades(len(theta), colour)), ax=list(axes), aspect=25, pad=0.02)
     shown = np.arange(len(theta))[:: -max(1, -(-len(theta) // 14))][::-1]
     bar.set_ticks(list(shown), labels=[f"{theta[i]:.3g}" for i in shown])
     bar.ax.tick_params(length=0, labelsize="small")

@@ -18,7 +18,7 @@ from ...models.grid import ClassGrid
 from ..page.figure_curves import read_off
 from ..page.figure_episodes import plot_trajectories
 from ..page.figure_sizes import TWO_COLUMNS, key, new_figure
-from ..page.figure_style import ACTIVE, OTHERS, PASSIVE, axis_label, label_panel, styled
+from ..page.figure_style import ACTIVE, FIXATION, OTHERS, PASSIVE, axis_label, label_panel, styled
 from ..page.page import Row
 from .findings import FIXED, LOOK, PAPER, TAPS
 from .run import BASE
@@ -320,10 +320,10 @@ def trajectories(source: Row) -> Figure:
     figure, axes = new_figure(TWO_COLUMNS, 1.6 * rows + 0.3, rows, _COLUMNS, sharex=True, sharey=True)
     grid = ClassGrid(np.array(source["grid"]["where_value"]), source["grid"]["where_unit"], None, (("object",),))
     for panel, name in zip(axes.flat, names, strict=False):
-        plot_paths(panel, np.array(source["paths"][name]), grid)
+        plot_paths(panel, np.array(source["paths"][name]), grid, _look(name)["color"])
         if name.startswith(BASE):
             value = grid.where_value[source["fixation"]]
-            panel.axhline(value, color=PASSIVE, linewidth=0.8, linestyle=(0, (4, 2)), zorder=0)
+            panel.axhline(value, color=FIXATION, linewidth=0.8, linestyle=(0, (4, 2)), zorder=0)
         panel.set_title(name)
         panel.set_xlabel("")
     for number in range(len(names), axes.size):
@@ -341,19 +341,20 @@ def trajectories(source: Row) -> Figure:
     return figure
 
 
-def plot_paths(axes: Axes, paths: NDArray[np.integer], grid: ClassGrid) -> Axes:
+def plot_paths(axes: Axes, paths: NDArray[np.integer], grid: ClassGrid, colour: str) -> Axes:
     """Draws trials as lines, those that decide with their first tap as strokes at its left, and how many go on.
 
     Args:
         axes: Where to draw.
         paths: Where class at each tap, shape (n, T); -1 after the decision.
         grid: What the classes stand for.
+        colour: Of the trials.
     """
     made = (paths >= 0).sum(axis=1)
     if (made > 1).any():
-        plot_trajectories(axes, paths[made > 1], grid)
+        plot_trajectories(axes, paths[made > 1], grid, colour)
     at = grid.where_value[paths[made == 1, 0]]
-    axes.hlines(at, 0.76, 0.92, color="black", linewidth=1.4, alpha=0.25)
+    axes.hlines(at, 0.76, 0.92, color=colour, linewidth=1.4, alpha=0.25)
     edges = np.arange(paths.shape[1] + 1) + 0.5
     share = (paths >= 0).mean(axis=0)
     axes.stairs(share, edges, fill=True, color="#e4e4e4", transform=axes.get_xaxis_transform(), zorder=-1)

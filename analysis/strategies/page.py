@@ -91,6 +91,7 @@ def _source(i: int, source: Row, theta: float) -> Iterator[Block]:
         "quarter of a class, and dots mark decisions; strokes at the left are trials decided at tap 1; grey: fraction "
         "of trials that make a tap; dashed: the fixation point.",
         partial(figures.trajectories, source),
+        curves=True,
     )
     yield Section("Trajectories", [trajectories], folded=True)
 

@@ -32,10 +32,20 @@ def curves():
     return figure
 
 
+@styled
+def scale():
+    """Three curves, one for each threshold."""
+    figure, axes = new_figure(7.0, 2.4)
+    for threshold in (0.2, 0.5, 0.95):
+        axes[0, 0].plot(X, threshold * X, label=f"threshold {threshold:g}")
+    return figure
+
+
 def pictures():
-    """One whose curves are read off, and one that stays a picture."""
+    """One whose curves are read off, one that stays a picture, and one whose curves are on a scale."""
     yield Picture("fig1", "Errors", "Errors against the threshold.", curves, curves=True)
     yield Picture("fig2", "Again", "The same.", curves)
+    yield Picture("fig3", "Scale", "One curve for each threshold.", scale, curves=True)
 
 
 @pytest.fixture(scope="module")
@@ -45,9 +55,9 @@ def report(tmp_path_factory):
     wide = Table(
         ["model", *(f"error of the object at {i} taps" for i in range(20))], [["a", *["0.50 [0.45, 0.55]"] * 20]]
     )
-    first, second = pictures()
+    first, second, third = pictures()
     sections = [
-        Section("Figures", [first, wide], "figures"),
+        Section("Figures", [first, wide, third], "figures"),
         Section("More", [Section("Inner", [second], "inner", folded=True)], "more", folded=True),
         Section("Episode", [Embedded("<p id='played'>played</p>", "An episode.")], "episode"),
     ]
@@ -113,12 +123,12 @@ def test_a_curve_tells_the_value_that_the_mouse_is_at(browser):
                 ]  # fmt: skip
     assert panels[0]["series"][0]["points"][0][3] == "1.90 [1.80, 2.00]"
     assert point_at(browser, 0.001, 0.001) == ""
-    assert len(browser.find_elements("css selector", ".told")) == 1
+    assert browser.find_elements("css selector", "#figure-fig2 .told") == []
 
 
 def test_curves_are_switched_off_in_the_key(browser):
     """With their bands; they tell nothing then, and the picture for printing keeps them."""
-    passive, active = browser.find_elements("css selector", ".legend button")
+    passive, active = browser.find_elements("css selector", "#figure-fig1 .legend button")
     assert [button.text for button in (passive, active)] == ["passive", "active"]
     shown = partial(
         browser.execute_script,
@@ -137,6 +147,28 @@ def test_curves_are_switched_off_in_the_key(browser):
     media(browser)
     passive.click()
     assert shown() == [True] * 8
+
+
+def test_curves_on_a_scale_are_chosen_by_one_slider(browser):
+    """All at first; then one, beside which the others are pale and tell nothing."""
+    from selenium.webdriver.common.keys import Keys
+
+    figure = browser.find_element("id", "figure-fig3")
+    (slider,), (output,) = (figure.find_elements("css selector", f".legend {part}") for part in ("input", "output"))
+    pale = partial(
+        browser.execute_script,
+        "return [...arguments[0].querySelector('.drawing').shadowRoot.querySelectorAll('[id^=curve-]')]"
+        ".map((part) => getComputedStyle(part).opacity < 0.5)",
+        figure,
+    )
+    assert figure.find_elements("css selector", ".legend button") == []
+    assert (output.text, pale()) == ("all thresholds", [False] * 3)
+    slider.send_keys(Keys.ARROW_RIGHT, Keys.ARROW_RIGHT)
+    assert (output.text, pale()) == ("threshold 0.5", [True, False, True])
+    figure.find_element("css selector", ".card > .scroll").send_keys(Keys.ARROW_RIGHT, Keys.ARROW_DOWN)
+    assert figure.find_element("css selector", ".told").text.startswith("threshold 0.5\n")
+    slider.send_keys(Keys.HOME)
+    assert (output.text, pale()) == ("all thresholds", [False] * 3)
 
 
 def test_the_keyboard_reaches_every_value(browser):
@@ -180,14 +212,14 @@ def test_a_page_has_room_in_every_window(browser, width, light):
     which does not fade."""
     media(browser, width, light)
     told = browser.execute_async_script(
-        "const done = arguments[0]; setTimeout(() => requestAnimationFrame(() => {"
+        "const done = arguments[0]; requestAnimationFrame(() => requestAnimationFrame(() => {"
         "const colour = (name, part) => getComputedStyle(document.querySelector(part))[name];"
         "done([document.documentElement.scrollWidth <= innerWidth,"
         "  [...document.querySelectorAll('.scroll')].every((part) => !part.checkVisibility() ||"
         "    (part.scrollWidth - part.clientWidth > 1) === part.classList.contains('more')) &&"
         "    !document.querySelector('.card.more'),"
         "  colour('backgroundColor', 'html') + colour('backgroundColor', 'body'), colour('backgroundColor', '.card'),"
-        "  colour('color', 'body')])}), 50)"
+        "  colour('color', 'body')])}))"
     )
     fits, fades, page, card, text = told
     assert fits

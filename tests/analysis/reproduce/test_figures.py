@@ -8,6 +8,7 @@ import pytest
 import xarray as xr
 from slow_cases import slow_but
 from solidtouch.analysis.page.figure_confusion import confusion, row_normalised
+from solidtouch.analysis.page.figure_curves import curves_of
 from solidtouch.analysis.page.figure_episodes import BeliefCase, beliefs, trajectories
 from solidtouch.analysis.page.figure_style import axis_label, save, short_unit
 from solidtouch.analysis.reproduce import figures
@@ -242,12 +243,12 @@ def test_beliefs_start_at_the_prior_and_name_the_classes():
 
 
 def test_errors_by_place_have_a_line_per_threshold_and_one_band():
-    """Light grey is the lowest threshold, black the highest, which alone carries its interval."""
+    """The lowest threshold is light, the highest, which alone carries its interval, has the colour of its policy."""
     *panels, bar = CASES["by position"]().axes
 
     assert [len(axes.lines) for axes in panels] == [3, 3, 3]
     assert [len(axes.collections) for axes in panels] == [1, 1, 1]
-    assert [line.get_color() for line in panels[0].lines] == ["0.8", "0.4", "0.0"]
+    assert [line.get_color() for line in panels[0].lines] == ["#f4cfd5", "#de7082", "#c8102e"]
     assert [label.get_text() for label in bar.get_yticklabels()] == ["0.1", "0.5", "0.95"]
     assert [axes.get_title(loc="left") for axes in panels] == ["A", "B", "C"]
     assert [axes.get_ylabel() for axes in panels] == [
@@ -301,6 +302,20 @@ def test_trajectories_end_with_the_decision():
     assert [passive.get_title(), active.get_title()] == ["passive", "active"]
     assert value[1] == active.lines[-1].get_ydata()[0]
     assert passive.get_ylabel() == "position (mm)"
+
+
+def test_a_decision_of_a_trajectory_tells_its_tap_its_place_and_its_start():
+    """The place of the class and not that of the line, which is a little beside it; the quickest is first."""
+    index, grid = walks(), class_grid()
+    panels = curves_of(trajectories(index, index, grid, 1))
+    (series,) = panels[0].series
+    taps = (index >= 0).sum(axis=1)
+    first = int(np.argsort(taps, kind="stable")[0])
+    place, start = grid.where_value[index[first, taps[first] - 1]], grid.where_label(int(index[first, 0]))
+
+    assert series.label == "decision"
+    assert len(series.points) == len(index)
+    assert series.points[0][2:] == (str(taps[first]), f"{place:g}", f"start {start}")
 
 
 def test_acuity_has_four_panels_that_show_everything():
