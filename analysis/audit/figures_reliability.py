@@ -261,7 +261,7 @@ def plot_sessions(axes: Axes, result: TargetError) -> Axes:
     # In a colour of its own, as it is not the interval of the mean.
     axes.fill_between(x, low, high, color="0.88", linewidth=0, label=f"new session, {COVERAGE:.0%}")
     axes.plot(x, curves.error.mean(axis=0), color="black", label="mean")
-    axes.axhline(result.target, color=PASSIVE, linewidth=0.8, linestyle="--", label="wanted")
+    axes.axhline(result.target, color="grey", linewidth=0.8, linestyle="--", label="wanted")
     left = result.left_out
     axes.plot(1 - left.theta, left.error, "x", color=TRUE, label="left out, tuned on the others", clip_on=False)
     label = "chosen" if result.reachable else "lowest; the target is not reachable"

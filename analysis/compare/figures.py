@@ -1,7 +1,7 @@
 """Figures that compare models: scores by contacts, and paired differences.
 
 Datasets are those of `classes.class_scores` and `stats.decisions.at_equal_taps`. A model
-has the same colour, marker and line in all of them; the reference model is black.
+has the same colour, marker and line in all of them; the reference model is grey.
 """
 
 from collections.abc import Sequence
@@ -32,8 +32,8 @@ _COLOURS = (
     "#ddcc77",
     "#6699cc",
     "#661100",
-    "#888888",
 )  # CARTO "Safe" like `figure_style.TWELVE`, neighbours far apart
+REFERENCE: dict[str, Any] = {"color": "#949494", "linewidth": 1.8}
 _MARKERS = "s^DvPX<>*p"
 _LINES = ("-", "--", "-.", ":")
 _LABELS = {
@@ -57,13 +57,13 @@ _WORSE = 1.5  # times the log score of guessing: what is beyond that is only sai
 
 
 def model_styles(names: Sequence[str], reference: str) -> dict[str, dict[str, Any]]:
-    """Colour, marker and line of each model: solid black circles for the reference, distinct for ten more and on."""
+    """Colour, marker and line of each model: broad and grey for the reference, distinct for ten more and on."""
     styles = zip(cycle(_COLOURS), cycle(_MARKERS), cycle(_LINES), strict=False)
     others = {
         name: {"color": colour, "marker": marker, "linestyle": line}
         for name, (colour, marker, line) in zip((name for name in names if name != reference), styles, strict=False)
     }
-    return {reference: {"color": "black", "marker": "o", "linestyle": "-", "zorder": 3}, **others}
+    return {reference: {**REFERENCE, "marker": "o", "linestyle": "-", "zorder": 3}, **others}
 
 
 @styled

@@ -17,14 +17,14 @@ from ...models.grid import ClassGrid
 from ..page.figure_curves import read_off
 from ..page.figure_sizes import TWO_COLUMNS, key, new_figure
 from ..page.figure_style import ACTIVE, PASSIVE, band, label_panel, short, styled
-from .figures import errors_of, label_of, time_axis
+from .figures import REFERENCE, errors_of, label_of, time_axis
 
 _COLUMNS = 4
 _LOOKS: dict[str, dict[str, Any]] = {
     "passive": {"color": PASSIVE, "marker": "s", "linestyle": (0, (4, 1.5)), "markersize": 2.6},
     "active": {"color": ACTIVE, "marker": "o", "linestyle": "-", "markersize": 2.8},
 }
-_BEHIND: dict[str, Any] = {"color": "#a8a8a8", "linewidth": 1.8, "zorder": 1}
+_BEHIND: dict[str, Any] = {**REFERENCE, "zorder": 1}
 _BETWEEN = 50  # points of a line that is bent on its axis, besides the thresholds
 _ROOM = 1.15  # times the largest error, where the axis of errors ends
 _FACTOR_ROOM = 3.0  # likewise of factors, on both sides

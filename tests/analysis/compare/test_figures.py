@@ -127,12 +127,12 @@ def test_a_figure_of_ten_models_is_written(tmp_path):
 
 
 def test_eleven_models_look_different():
-    """In colour, and in marker and line together; the reference is black wherever it stands."""
+    """In colour, and in marker and line together; the reference is grey wherever it stands."""
     styles = figure_compare.model_styles([*NAMES, "reference"], "reference")
 
     assert len({style["color"] for style in styles.values()}) == 11
     assert len({style["marker"] for style in styles.values()}) == 11
-    assert styles["reference"]["color"] == "black"
+    assert styles["reference"]["color"] == "#949494"
     assert figure_compare.model_styles([f"m{i}" for i in range(40)], "m0").keys() == {f"m{i}" for i in range(40)}
 
 
@@ -258,7 +258,7 @@ def test_the_reference_is_behind_every_other_model():
     """In grey without a band, both policies; where it is the only model, it has a panel of its own."""
     _, axes = new_figure(3, 3)
     panel = figures_decisions.plot_errors(axes[0, 0], decisions(), "what_error", NAMES[2])
-    behind = {line.get_label(): line for line in panel.lines if line.get_color() == "#a8a8a8"}
+    behind = {line.get_label(): line for line in panel.lines if line.get_color() == "#949494"}
 
     assert list(behind) == [f"{NAMES[0]}, passive", f"{NAMES[0]}, active"]
     assert len({line.get_linestyle() for line in behind.values()}) == 2

@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
+import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as some
+from matplotlib.colors import to_hex
 from solidtouch.analysis.page.figure_confusion import plot_confusion
 from solidtouch.analysis.page.figure_sizes import new_figure
-from solidtouch.analysis.page.figure_style import axis_label, short, short_unit, unit_name
+from solidtouch.analysis.page.figure_style import ACTIVE, PASSIVE, axis_label, band, short, short_unit, unit_name
 
 ROD = "smooth aluminium rod of the second workshop series no. {} with a matt finish"
 
@@ -67,3 +69,20 @@ def test_objects_of_a_confusion_table_stay_different():
     figure.canvas.draw()
 
     assert [text.get_text() for text in axes[0, 0].get_yticklabels()] == [short(rod, rods) for rod in rods]
+
+
+def test_bands_that_overlap_are_told_apart():
+    """By outlines in their colours; black is so pale that red with it stays red."""
+    _, axes = new_figure(3, 2)
+    data = xr.Dataset({"e": ("x", [1.0, 2.0]), "e_low": ("x", [0.5, 1.0]), "e_high": ("x", [1.5, 3.0])})
+    for colour in (PASSIVE, ACTIVE):
+        band(axes[0, 0], [0, 1], data, "e", colour)
+    red, black = axes[0, 0].collections
+    (shade,), (over,) = (np.asarray(one.get_facecolor()) for one in (red, black))
+    under = 1 - shade[3] * (1 - shade[:3])
+    mixed = over[3] * over[:3] + (1 - over[3]) * under
+
+    assert [to_hex(one.get_edgecolor()[0]) for one in (red, black)] == [PASSIVE, ACTIVE]
+    assert min(one.get_linewidth()[0] for one in (red, black)) > 0
+    assert np.isclose(mixed.max() - mixed.min(), under.max() - under.min(), atol=0.02)
+    assert mixed.min() > 0.75
