@@ -95,6 +95,9 @@ def test_winners_and_margins_are_counted_by_source():
     two = recovery.Replicate("a", {"a": -6.0, "b": -5.0, "c": -9.0}, 4, {"mean": (7, 10)}, ["c"])
     models = ["a", "b", "c"]
     assert recovery.wins([one, two], models).tolist() == [[1, 1, 0], [0, 0, 0], [0, 0, 0]]
+    count, names = recovery.wins_in(f"Sizes.\n\n{recovery.tables([one, two], models)}")
+    assert names == models
+    assert count.tolist() == [[1, 1, 0], [0, 0, 0], [0, 0, 0]]
     assert "| a | 4 | b: 0.5 ± 1.5 | c: 3.5 ± 0.5 |" in recovery.margins_table([one, two], models)
     assert "0.800 [0.584, 0.919] of 20" in recovery.coverage_table([one, two], models)
 

@@ -5,7 +5,8 @@ of taps from these parameters; all models are fitted to the training sessions an
 session is predicted as a whole, since its taps share a state under `session:profile`. With `--own` taps come from the
 models of docs/how-to/your-own-model.md.
 
-`--document docs/explanation/model-studies.md` updates its tables and figure.
+`--document docs/explanation/model-studies.md` updates its tables and figure; with `--redraw` only the figure, from the
+table that the page has.
 """
 
 import argparse
@@ -34,7 +35,7 @@ from solidtouch.models.measurement.story import ParametricModel
 from solidtouch.models.settings import FitSettings
 from solidtouch.models.taps import TapSet, concatenate
 
-from benchmarks.page import parsed, publish, share_interval, table, write_block
+from benchmarks.page import block_of, parsed, publish, share_interval, table, table_rows, write_block
 from benchmarks.studies.models import user_stories
 from benchmarks.studies.models.figures import recovery_figure
 from benchmarks.study import thinned, until_interrupted, write_json
@@ -300,6 +301,14 @@ def winners_table(replicates: Sequence[Replicate], models: Sequence[str]) -> str
     return table(["taps from", *models], [line for line, row in zip(lines, count, strict=True) if row.sum()])
 
 
+def wins_in(text: str) -> tuple[NDArray[np.intp], list[str]]:
+    """Numbers of data sets as in `wins` and the models, from a block of the page."""
+    drawn = text.split("\n\n")[1]
+    models = [cell.strip() for cell in drawn.partition("\n")[0].strip("|").split("|")[1:]]
+    rows, none = table_rows(drawn), ["."] * (1 + len(models))
+    return np.array([[int(cell.replace(".", "0")) for cell in rows.get(name, none)[1:]] for name in models]), models
+
+
 def wins(replicates: Sequence[Replicate], models: Sequence[str]) -> NDArray[np.intp]:
     """Numbers of data sets, shape (source, winner)."""
     count = np.zeros((len(models), len(models)), dtype=np.intp)
@@ -363,10 +372,14 @@ def main() -> None:
     parser.add_argument("--models", nargs="*", default=MODELS, choices=MODELS)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--own", action="store_true", help="models of users as sources, beside some built-in ones")
+    parser.add_argument("--redraw", action="store_true", help="only draw the figure of the page from its table")
     options = parsed(parser, "recovery", "own-recovery")
     sizes, models, block = Sizes(), list(options.models), "recovery"
     if options.own:
         sizes, models, block = OWN_SIZES, [*user_stories.registered(), *BESIDE], "own-recovery"
+    if options.redraw and options.document is not None:
+        publish(recovery_figure(*wins_in(block_of(options.document, block))), options.document, block)
+        return
     fitted = sources([name for name in models if not options.own or name not in BESIDE], sizes, options.seed)
     tasks: list[Callable[[], Replicate]] = [
         partial(replicate, source, models, sizes, options.seed, number)
