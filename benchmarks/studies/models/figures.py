@@ -164,15 +164,15 @@ def session_figure(gains: Sequence[Gain], quantity: str) -> Figure:
 
 
 def plot_gain(axes: Axes, gain: Gain) -> Axes:
-    """A dot per data set with the mean as a bar; the powers stand side by side."""
+    """A mark per data set with the mean as a bar; the powers stand side by side, the second in hollow marks."""
     axes.axhline(0, color=OTHERS, linewidth=0.6, zorder=0)
     place = np.arange(len(gain.taps), dtype=np.float64)
-    for i, (colour, (name, values)) in enumerate(zip(("#d55e00", "#0072b2"), gain.values.items(), strict=False)):
+    looks = ({"color": "#d55e00"}, {"color": "#0072b2", "marker": "D", "markerfacecolor": "none"})
+    for i, (look, (name, values)) in enumerate(zip(looks, gain.values.items(), strict=False)):
         x = place + (i - 0.5 * (len(gain.values) - 1)) * 0.35
         spread = np.linspace(-0.08, 0.08, len(values)) if len(values) > 1 else np.zeros(1)
-        axes.plot(
-            (x + spread[:, None]).ravel(), values.ravel(), "o", color=colour, markersize=2.5, alpha=0.7, label=name
-        )
-        axes.hlines(values.mean(axis=0), x - 0.13, x + 0.13, color=colour, linewidth=1.6)
+        marks = {"marker": "o", "markersize": 2.5, "alpha": 0.7, "linestyle": "none", "label": name} | look
+        axes.plot((x + spread[:, None]).ravel(), values.ravel(), **marks)
+        axes.hlines(values.mean(axis=0), x - 0.13, x + 0.13, color=look["color"], linewidth=1.6)
     axes.set_xticks(place, [str(n) for n in gain.taps])
     return axes

@@ -4,12 +4,15 @@ Simulated data sets have eight sessions: four for training, two for fitting the 
 testing. Both models of a pair get the same sequences of taps of one class and session, with the paper's exponent 1/J
 and with an exponent fitted for each model.
 
-`--document docs/explanation/model-studies.md` updates its tables and figure.
+`--document docs/explanation/model-studies.md` updates its tables and figure; with
+`--from runs/studies/sessions.json` from earlier measurements.
 """
 
 import argparse
+import json
 from collections.abc import Callable, Sequence
 from functools import partial
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -246,6 +249,7 @@ def main() -> None:
     parser.add_argument("--presets", nargs="*", default=["paper", "nodrift"])
     parser.add_argument("--pairs", nargs="*", default=[pair.name for pair in PAIRS])
     parser.add_argument("--seed", type=int, default=100)
+    parser.add_argument("--from", dest="measured", type=Path, help="rewrite tables and figure from these measurements")
     options = parsed(parser, "sessions")
     tasks: list[Callable[[], Result]] = [
         partial(compare, name, preset(name), pair, data_set_seed(options.seed, i))
@@ -254,7 +258,10 @@ def main() -> None:
         for i in range(options.data_sets or pair.data_sets)
         for name in options.presets
     ]
-    results = list(until_interrupted("Sessions", tasks))
+    if options.measured:
+        results = [Result(**one) for one in json.loads(options.measured.read_text("utf-8"))]
+    else:
+        results = list(until_interrupted("Sessions", tasks))
     if not results:
         return
     write_json("sessions", [one._asdict() for one in results])
