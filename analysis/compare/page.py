@@ -7,8 +7,8 @@ from functools import partial
 import numpy as np
 import xarray as xr
 
-from ..page.numbers import factor_of, in_brackets, interval, number, percent
-from ..page.page import Block, Brief, Cautions, Listing, Note, Page, Picture, Row, Section, Table, Verbatim
+from ..page.numbers import bounded, factor_of, in_brackets, interval, listed, number, percent
+from ..page.page import Block, Brief, Cautions, Note, Page, Picture, Row, Section, Table, Verbatim
 from . import figures, figures_decisions, figures_taps
 from .run import Comparison
 from .taps import SAMPLE
@@ -60,12 +60,36 @@ def _findings(summary: Row) -> Iterator[Block]:
 
     simulated = "Ranks refer to the simulator; a real sensor may rank the models differently."
     care = f"{summary['overconfident']} See [Calibration of decisions](#calibration)." * bool(summary["overconfident"])
-    yield Brief(Note([Listing(summary["findings"]), care, simulated * summary["simulated"]]))
+    yield Brief(Note([summary["headline"], care, simulated * summary["simulated"]]))
+    yield Brief(best_models(summary))
     titles = [level["title"] + in_brackets(level["unit"]) for level in summary["levels"]]
     rows = [[row["name"], *map(rank, row["levels"])] for row in summary["ranks"]]
     yield Brief(Table(["model", *titles], rows, "Rank of each model (1 is best), with the ranked quantity in brackets"))
     refused = [f"{row['name']} was left out: {row['reason']}" for row in summary["refused"]]
     yield Brief(Cautions([*summary["warnings"], *refused]))
+
+
+def best_models(summary: Row) -> Table:
+    """The best model at each level beside the second and the reference model."""
+
+    def valued(name: str, value: float | None) -> str:
+        return f"{name} ({number(value)})"
+
+    reference = summary["reference"]
+    rows = [
+        [
+            row["title"] + in_brackets(row["unit"]),
+            valued(listed(row["best"]), row["value"]),
+            "–" if row["second"] is None else valued(row["second"], row["second_value"]),
+            *(bounded(*row[name] or ()) for name in ("less_second", "less_reference")),
+        ]
+        for row in summary["best"]
+    ]
+    caption = (
+        f"The best model at each level, less the second and less {reference}, the first of --models, with 95% "
+        "intervals; none with too few test taps or close to the end of a curve"
+    )
+    return Table(["level", "best", "second", "best − second", f"best − {reference}"], rows, caption, words={1, 2})
 
 
 def _method(summary: Row) -> Iterator[Block]:

@@ -1,4 +1,4 @@
-"""Rank of each model at each level of a comparison, and disagreement between the levels."""
+"""Rank of each model at each level of a comparison, and the best ones beside the second and the reference."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import xarray as xr
 
-from ..page.numbers import number, spanned
+from ..page.numbers import listed
 from ..page.page import Row
 from .run import Comparison
 
@@ -18,7 +18,7 @@ class Criterion(NamedTuple):
 
     Attributes:
         title: For the head of a column.
-        said: What the best model does, for a sentence.
+        said: What models are good at, for a sentence.
         unit: Of the values.
         larger: Whether larger is better.
         values: Of each model that has one.
@@ -55,25 +55,23 @@ def levels(comparison: Comparison) -> list[Criterion]:
     found = []
     means = comparison.left_out_groups
     if means is not None and "integrated" in means:
-        said, score = f"predicts the taps of a left-out {means.attrs['unit']} best", "integrated"
+        said, score = f"predicting the taps of a left-out {means.attrs['unit']}", "integrated"
         if point_fits(means):  # an integral over a posterior predicts better than a point does
-            said, score = f"{said}, by plug-in parameters", "plug_in"
+            said, score = f"{said} by plug-in parameters", "plug_in"
         found.append(_level("taps", said, "nat per tap", True, means, score))
     contacts = comparison.classes["contacts"].values
     for n in dict.fromkeys((int(contacts[0]), int(contacts[-1]))):
         title = f"class after {n} tap{'s' * (n > 1)}"
         scores = comparison.classes.sel(contacts=n)
-        found.append(_level(title, f"infers the {title} best", "nat", True, scores, "log_score_joint"))
+        found.append(_level(title, f"inferring the {title}", "nat", True, scores, "log_score_joint"))
     unit = comparison.grid.what_error_unit
     for policy in comparison.equal["policy"].values:
         taps = _ranking_time(comparison.equal, str(policy))
         if taps is None:
             continue
         at = comparison.equal.sel(policy=policy, taps=taps)
-        number_of = f"{taps:g} tap{'s' * (taps != 1)}"
-        title = f"{policy} object error at {number_of}"
-        said = f"has the lowest {policy} object error at a mean reaction time of {number_of}"
-        found.append(_level(title, said, "" if unit == "P(wrong)" else unit, False, at, "what_error"))
+        title = f"{policy} object error at {taps:g} tap{'s' * (taps != 1)}"
+        found.append(_level(title, f"the {title}", "" if unit == "P(wrong)" else unit, False, at, "what_error"))
     return [level for level in found if level.values]
 
 
@@ -99,39 +97,47 @@ def rank_rows(levels: Sequence[Criterion], names: Sequence[str]) -> list[Row]:
     ]
 
 
-def findings(levels: Sequence[Criterion], reference: str, own: Sequence[str] = ()) -> list[str]:
-    """Sentences: the best model at each level, by how much, and how the best predictor and own models do at the others.
+def headline(levels: Sequence[Criterion]) -> str:
+    """Which models are best at what, in a sentence; empty where a single model is ranked."""
+    ranked = _ranked(levels)
+    if not ranked:
+        return ""
+    always = [name for name in ranked[0].best if all(name in level.best for level in ranked)]
+    if always:
+        levels_named = "all levels" if len(ranked) > 1 else ranked[0].said
+        return f"{listed(always)} {'is' if len(always) == 1 else 'are'} best at {levels_named}."
+    at: dict[str, list[str]] = {}
+    for level in ranked:
+        at.setdefault(listed(level.best), []).append(level.said)
+    verb = "is" if len(ranked[0].best) == 1 else "are"
+    parts = [f"{names} {f'{verb} best ' * (not number)}at {listed(at[names])}" for number, names in enumerate(at)]
+    return f"No model is best at all levels: {'; '.join(parts)}."
 
-    The best model is compared with the second and with the reference model.
 
-    Args:
-        levels: See `levels`.
-        reference: The reference model.
-        own: Models that are to be in a sentence at every level.
+def best_rows(levels: Sequence[Criterion], reference: str) -> list[Row]:
+    """A row per level at which several models are ranked: the best one beside the second and the reference model.
+
+    `second` is `None` where all are equally good, and `less_second` and `less_reference`, differences with the ends of
+    their intervals, where there is no such model or it is itself the best. Ends are `None` without an interval.
     """
-    sentences = []
-    for level in levels:
-        if len(level.values) == 1 < max(len(other.values) for other in levels):
-            continue  # no other model has a value
-        best = reference if reference in level.best else level.best[0]
-        equal = [name for name in level.best if name != best]
-        sentence = f"{best} {level.said}: {_value(level, best)}"
-        sentence += f" (equally good: {', '.join(equal)})" * bool(equal)
-        first = levels[0].best[0]
-        predicts = f"{first}, which {'predicts taps best' if levels[0].title == 'taps' else levels[0].said}"
-        second = None if equal and best != reference else level.second  # of equal ones, which has the interval?
-        others = dict.fromkeys(name for name in (second, reference) if name in level.values and name != best)
-        for number_of, other in enumerate(others):
-            named = predicts if other == first else other
-            sentence += f"{'; and with' if number_of else ', compared with'} {_value(level, other)} for {named}"
-            sentence += _interval(level, best, other, reference)
-        for name in dict.fromkeys((first, *own)):
-            if name not in (*level.best, *others) and name in level.values:
-                sentence += f"; {f'{predicts},' if name == first else name} has {_value(level, name)}"
-        sentences.append(sentence + ".")
-    if levels and not set.intersection(*(set(level.best) for level in levels)):
-        sentences.append("No model is best at all levels; see the table of ranks.")
-    return sentences
+    return [
+        {
+            "title": level.title,
+            "unit": level.unit,
+            "best": level.best,
+            "value": level.values[level.best[0]],
+            "second": level.second,
+            "second_value": None if level.second is None else level.values[level.second],
+            "less_second": None if level.second is None else _difference(level, level.second, reference),
+            "less_reference": _difference(level, reference, reference),
+        }
+        for level in _ranked(levels)
+    ]
+
+
+def _ranked(levels: Sequence[Criterion]) -> list[Criterion]:
+    """Levels at which there is something to rank."""
+    return [level for level in levels if len(level.values) > 1]
 
 
 def _level(title: str, said: str, unit: str, larger: bool, data: xr.Dataset, name: str) -> Criterion:
@@ -157,19 +163,16 @@ def _ranking_time(equal: xr.Dataset, policy: str) -> float | None:
     return float(at["taps"].values[np.flatnonzero(reached == reached.max())[-1]])
 
 
-def _value(level: Criterion, name: str) -> str:
-    return f"{number(level.values[name])} {level.unit}".strip()
-
-
-def _interval(level: Criterion, best: str, other: str, reference: str) -> str:
-    """The difference of the best model to the reference or to the second."""
+def _difference(level: Criterion, other: str, reference: str) -> list[float | None] | None:
+    """The best model's value less another's, and the ends of the interval."""
+    if other not in level.values or other in level.best:
+        return None
+    best = reference if reference in level.best else level.best[0]
     if reference in (best, other):
         ends, flipped = level.difference.get(other if best == reference else best), best == reference
+    elif len(level.best) > 1:  # steps lead from one of equal models to the other
+        ends, flipped = None, False
     else:
         ends, flipped = level.step.get(best if level.larger else other), not level.larger
-    if ends is None:
-        why = "too few test taps" if level.larger else "too close to the end of a curve"
-        return f" ({why} for an interval)"
-    low, high = (-ends[1], -ends[0]) if flipped else ends
-    unsure = ", not significant" if low <= 0 <= high else ""
-    return f"; difference {spanned(level.values[best] - level.values[other], low, high)}{unsure}"
+    low, high = (None, None) if ends is None else (-ends[1], -ends[0]) if flipped else ends
+    return [level.values[best] - level.values[other], low, high]

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from ...models.measurement.model import BINS
-from ...models.measurement.registry import NAMES, row, split_name
+from ...models.measurement.registry import row
 from ..experiment.settings import SHOWN_THETA
 from ..page.figure_style import unit_name
 from ..page.labelled import rows
@@ -19,7 +19,7 @@ from ..page.page import Row
 from ..stats.decisions import decision_interval_sentence, too_few_taps
 from ..stats.no_class_left import no_class_left_sentence
 from .classes import class_interval_sentence
-from .ranking import findings, levels, point_fits, rank_rows
+from .ranking import best_rows, headline, levels, point_fits, rank_rows
 from .run import CompareSettings, Comparison
 
 _PACKAGES = ("solidtouch", "numpy", "scipy", "jax", "numpyro", "arviz", "arviz-stats", "xarray", "matplotlib")
@@ -85,7 +85,8 @@ def summarise(comparison: Comparison, settings: CompareSettings, described: Row)
         "checks": _checks(comparison.checks),
         "levels": [{"title": level.title, "unit": level.unit} for level in ranked],
         "ranks": rank_rows(ranked, names),
-        "findings": findings(ranked, names[0], [name for name in names if split_name(name)[0] not in NAMES]),
+        "headline": headline(ranked),
+        "best": best_rows(ranked, names[0]),
         "overconfident": overconfident(comparison.curves),
         "trials": settings.trials,
         "draws": settings.draws,

@@ -46,7 +46,8 @@ def test_models_are_compared_on_one_page(command, recordings, tmp_path, sketched
     assert str(out / "report.html") in result.out.replace("\n", "")
     summary = json.loads((out / "summary.json").read_text())
     assert [row["name"] for row in summary["models"]] == ["histogram", "profile", "session"]
-    assert summary["findings"]
+    assert summary["headline"] in " ".join(result.out.split())
+    assert [row["title"] for row in summary["best"]] == [level["title"] for level in summary["levels"]]
     assert any("Log probabilities of taps: Too few test sessions, 2," in warning for warning in summary["warnings"])
     page = (out / "report.html").read_text()
     assert '<h2 id="decisions">' in page

@@ -11,6 +11,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from solidtouch.analysis.compare.page import best_models
 from solidtouch.analysis.page.page import Row
 from solidtouch.models.storage import complete_file
 
@@ -32,14 +33,16 @@ def comparisons(folder: Path, recorded: Path | None) -> Iterator[tuple[str, list
 
 
 def told(summary: Row) -> str:
-    """Ranks with what is ranked, and the sentences about them."""
+    """Ranks with what is ranked, the best models beside the second and the reference, and the sentences about them."""
     head = ["model", *(f"{one['title']} ({one['unit'] or 'P(wrong)'})" for one in summary["levels"])]
     lines = [
         [row["name"], *("–" if at is None else f"{at['rank']} ({number(at['value'])})" for at in row["levels"])]
         for row in summary["ranks"]
     ]
-    said = [*summary["findings"], *summary["warnings"]]
-    return f"{table(head, lines)}\n\n" + "\n".join(f"- {one}" for one in said)
+    best = best_models(summary)
+    said = filter(None, [summary["headline"], summary["overconfident"], *summary["warnings"]])
+    tables = table(head, lines), table(best.head, best.rows)
+    return "\n\n".join([*tables, "\n".join(f"- {one}" for one in said)])
 
 
 def number(value: float) -> str:

@@ -1,4 +1,4 @@
-"""Ranks of models at the levels of a comparison, and the sentences about them."""
+"""Ranks of models at the levels of a comparison, and the best ones beside others."""
 
 import itertools
 from types import SimpleNamespace
@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import xarray as xr
-from solidtouch.analysis.compare.ranking import Criterion, findings, levels, point_fits, rank_rows
+from solidtouch.analysis.compare.ranking import Criterion, best_rows, headline, levels, point_fits, rank_rows
 
 
 def level(title: str, values: dict[str, float], *, larger: bool = True) -> Criterion:
@@ -16,7 +16,7 @@ def level(title: str, values: dict[str, float], *, larger: bool = True) -> Crite
     ascending = sorted(values, key=values.__getitem__)
     gaps = {name: values[name] - values[below] for below, name in itertools.pairwise(ascending)}
     step = {name: (gap - 2, gap + 2) for name, gap in gaps.items()}
-    return Criterion(title, f"is best at {title}", "nat", larger, values, difference, step)
+    return Criterion(title, f"being best at {title}", "nat", larger, values, difference, step)
 
 
 TAPS = level("taps", {"a": -10.0, "b": -8.0, "c": -9.0})
@@ -31,88 +31,94 @@ def test_ranks_follow_the_direction_of_the_level():
     assert ranks == [[3, 1], [1, 2], [2, None]]
 
 
+def row_of(level, reference="a"):
+    (row,) = best_rows([level], reference)
+    return row
+
+
 def test_equal_models_share_the_better_rank():
-    """Two winners are both first, the next is third, and the sentence names both."""
+    """Two winners are both first, the next is third, and both are named; no step says how they differ from others."""
     tied = level("taps", {"a": -9.0, "b": -8.0, "c": -8.0, "d": -10.0})
     assert [tied.rank(name) for name in "abcd"] == [3, 1, 1, 4]
-    assert tied.best == ["b", "c"]
-    assert findings([tied], "a")[0].startswith(
-        "b is best at taps: −8 nat (equally good: c), compared with −9 nat for a"
-    )
+    row = row_of(tied, "d")
+    assert (row["best"], row["value"], row["second"]) == (["b", "c"], -8.0, "a")
+    assert row["less_second"] == [1.0, None, None]
+    assert row["less_reference"] == [2.0, *tied.difference["b"]]
+    assert headline([tied]) == "b and c are best at being best at taps."
 
 
-def test_sentences_name_the_best_and_what_it_costs_elsewhere():
-    """The best at taps is followed through the other levels, the reference is given beside every winner."""
-    sentences = findings([TAPS, ERROR], "a")
-    assert sentences[0] == (
-        "b is best at taps: −8 nat, compared with −9 nat for c; difference 1.0 (−1.0 to 3.0), not significant; and "
-        "with −10 nat for a; difference 2.0 (1.0 to 3.0)."
-    )
-    assert (
-        "a is best at active error: 0.4 nat, compared with 0.9 nat for b, which predicts taps best; difference "
-        "−0.5 (−1.5 to 0.5), not significant."
-    ) in sentences
-    assert "No model is best at all levels" in sentences[-1]
+def test_the_best_is_compared_with_the_second_and_the_reference():
+    """By the step to the second, and by the difference to the reference."""
+    row = row_of(TAPS)
+    assert (row["best"], row["second"], row["second_value"]) == (["b"], "c", -9.0)
+    assert row["less_second"] == [1.0, -1.0, 3.0]
+    assert row["less_reference"] == [2.0, 1.0, 3.0]
+    assert (row["title"], row["unit"]) == ("taps", "nat")
 
 
 def test_a_reference_that_wins_is_compared_with_the_second_best():
     """By the interval of the difference to it with the opposite sign; a single model is compared with none."""
-    second = "a is best at taps: −7 nat, compared with −8 nat for c; difference 1.0 (0.0 to 2.0), not significant."
-    assert findings([level("taps", {"a": -7.0, "b": -12.0, "c": -8.0})], "a") == [second]
-    skewed = Criterion("error", "is best", "mm", False, {"a": 1.0, "b": 3.0}, {"b": (0.5, 2.5)}, {})
-    assert findings([skewed], "a") == ["a is best: 1 mm, compared with 3 mm for b; difference −2.0 (−2.5 to −0.5)."]
-    assert findings([level("taps", {"a": -7.0})], "a") == ["a is best at taps: −7 nat."]
+    row = row_of(level("taps", {"a": -7.0, "b": -12.0, "c": -8.0}))
+    assert (row["best"], row["second"]) == (["a"], "c")
+    assert row["less_second"] == [1.0, 0.0, 2.0]
+    assert row["less_reference"] is None
+    skewed = Criterion("error", "errors", "mm", False, {"a": 1.0, "b": 3.0}, {"b": (0.5, 2.5)}, {})
+    assert row_of(skewed)["less_second"] == [-2.0, -2.5, -0.5]
+    assert best_rows([level("taps", {"a": -7.0})], "a") == []
+
+
+def test_a_second_that_is_the_reference_is_compared_once():
+    row = row_of(ERROR, "b")
+    assert row["less_second"] == row["less_reference"] == [-0.5, *ERROR.difference["a"]]
 
 
 def test_a_reference_that_shares_the_win_is_the_one_compared():
     """Intervals are those of differences to it, and so of no other winner."""
     values, difference = {"a": 0.0, "b": 0.0, "c": 0.5}, {"a": (-0.1, 0.1), "c": (0.2, 0.8)}
-    tied = Criterion("x", "is best", "mm", False, values, difference, {"b": (-0.3, 0.3), "c": (0.1, 0.9)})
-    (sentence,) = findings([tied], "b")
-    assert sentence == (
-        "b is best: 0 mm (equally good: a), compared with 0.5 mm for c; difference −0.5 (−0.8 to −0.2)."
-    )
+    tied = Criterion("x", "errors", "mm", False, values, difference, {"b": (-0.3, 0.3), "c": (0.1, 0.9)})
+    row = row_of(tied, "b")
+    assert row["best"] == ["a", "b"]
+    assert row["less_second"] == [-0.5, -0.8, -0.2]
+    assert row["less_reference"] is None
 
 
 def test_the_best_error_is_compared_with_the_second_by_the_step_of_that_one():
     """The step of an error leads from the best up to the second, so its ends change sign and order."""
     values, difference = {"a": 3.0, "b": 1.0, "c": 2.0}, {"b": (-3.0, -1.5), "c": (-2.0, 0.1)}
-    steps = {"a": (0.0, 2.0), "c": (0.7, 1.2)}
-    (sentence,) = findings([Criterion("x", "is best", "mm", False, values, difference, steps)], "a")
-    assert sentence == (
-        "b is best: 1 mm, compared with 2 mm for c; difference −1.00 (−1.20 to −0.70); and with 3 mm for a; "
-        "difference −2.0 (−3.0 to −1.5)."
+    row = row_of(Criterion("x", "errors", "mm", False, values, difference, {"a": (0.0, 2.0), "c": (0.7, 1.2)}))
+    assert row["less_second"] == [-1.0, -1.2, -0.7]
+    assert row["less_reference"] == [-2.0, -3.0, -1.5]
+
+
+def test_where_all_are_equal_there_is_no_second():
+    row = row_of(level("taps", {"a": -7.0, "b": -7.0}))
+    assert row["second"] is row["less_second"] is row["less_reference"] is None
+
+
+def test_a_difference_without_an_interval_has_no_ends():
+    row = row_of(Criterion("x", "errors", "mm", False, {"a": 3.0, "b": 1.0}, {}, {}))
+    assert row["less_second"] == row["less_reference"] == [-2.0, None, None]
+
+
+def test_the_headline_names_who_is_best_at_what():
+    """Models that are best at several levels once, in the order of the levels; levels of one model are left out."""
+    third = level("belief", {"a": -2.0, "b": -1.0})
+    alone = level("more", {"a": 1.0})
+    assert headline([TAPS, ERROR, third, alone]) == (
+        "No model is best at all levels: b is best at being best at taps and being best at belief; a at being best at "
+        "active error."
     )
+    assert headline([TAPS, TAPS]) == "b is best at all levels."
+    assert headline([ERROR]) == "a is best at being best at active error."
+    assert headline([alone]) == headline([]) == ""
 
 
-def test_own_models_are_in_every_sentence():
-    """With their value where they are neither best, nor second, nor the reference."""
-    four = level("taps", {"a": -10.0, "b": -8.0, "c": -9.0, "mine": -11.0})
-    (sentence,) = findings([four], "a", ["mine"])
-    assert sentence.endswith("; mine has −11 nat.")
-    assert "mine" not in findings([four], "a")[0]
-
-
-def test_the_first_level_is_named_by_what_it_ranks():
-    """Without groups to leave out nothing predicts taps."""
-    first = TAPS._replace(title="class after 1 tap", said="infers the class after 1 tap best")
-    assert "b, which infers the class after 1 tap best;" in findings([first, ERROR], "a")[1]
-
-
-@pytest.mark.parametrize(("worse", "words"), [(-8.5, "0.5 (−0.5 to 1.5), not significant"), (-9.5, "1.5 (0.5 to 2.5)")])
-def test_differences_that_may_be_none_are_called_so(worse, words):
-    assert findings([level("taps", {"a": worse, "b": -8.0})], "a")[0].endswith(f"for a; difference {words}.")
-
-
-def test_agreement_is_not_called_disagreement():
-    """With one winner no sentence speaks of different orders."""
-    assert not any("No model is best at all levels" in sentence for sentence in findings([TAPS, TAPS], "a"))
-
-
-@pytest.mark.parametrize("levels", [[], [ERROR]])
-def test_missing_levels_are_left_out(levels):
-    """Without sessions to leave out there is no level of taps, and the rest still speaks."""
-    assert len(findings(levels, "a")) == len(levels)
+def test_equal_winners_are_named_together_and_a_common_winner_alone():
+    tied = level("x", {"a": 1.0, "b": 1.0, "c": 0.0})
+    assert headline([tied, TAPS]) == "b is best at all levels."
+    assert headline([tied, level("y", {"a": 0.0, "b": 0.0, "c": 1.0})]).startswith(
+        "No model is best at all levels: a and b are best at being best at x; c at"
+    )
 
 
 def compared(scores: dict, equal: xr.Dataset, means: xr.Dataset | None = None) -> SimpleNamespace:
