@@ -86,10 +86,10 @@ def best_models(summary: Row) -> Table:
         for row in summary["best"]
     ]
     caption = (
-        f"The best model at each level, less the second and less {reference}, the first of --models, with 95% "
-        "intervals; none with too few test taps or close to the end of a curve"
+        f"The best model at each level, with its differences from the second and from {reference}, the first of "
+        "--models, and their 95% intervals; none where test taps are too few or a curve ends nearby"
     )
-    return Table(["level", "best", "second", "best − second", f"best − {reference}"], rows, caption, words={1, 2})
+    return Table(["level", "best", "second", "best − second", f"best − {reference}"], rows, caption)
 
 
 def _method(summary: Row) -> Iterator[Block]:
