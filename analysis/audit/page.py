@@ -66,6 +66,7 @@ def _variance(split: "xr.Dataset", variance: Row, cause: str) -> Iterator[Block]
         "intervals over classes; pale bars are not significant. Shares are differences of estimates, so they may lie "
         "below 0 or above 1.",
         partial(figures.causes, seen(split), cause),
+        narrow=True,
     )
     said = (
         "The evidence of a tap is its log-likelihood ratio for its own class against the nearest rival. The first row "
@@ -143,6 +144,7 @@ def _remedy(audit: Audit, summary: Row) -> Iterator[Block]:
         f"Gain in log score per tap over {audit.measured.n} taps, change of the error at the same mean reaction time "
         "and miscalibration at the threshold, with 95% intervals of each alone; the table allows for their number.",
         partial(figures.remedies, audit.measured),
+        narrow=True,
     )
     yield Section("Effects with intervals", [effects], folded=True)
     each = [

@@ -135,6 +135,7 @@ def _taps(comparison: Comparison, summary: Row) -> Iterator[Block]:
             f"Prediction of left-out {unit}s",
             "Mean log probability of a tap’s bins minus that of the reference model, with 95% intervals.",
             partial(figures_taps.groups_left_out, means),
+            narrow=True,
         )
     drawn = unit if means is None else means.attrs["drawn"]
     how = f"leaving out each {drawn} in turn"
@@ -208,6 +209,7 @@ def _single_taps(left_out: xr.Dataset, summary: Row) -> Iterator[Block]:
         "Reliability of importance sampling",
         "Pareto k of the training taps; to the right of the dashed line the estimate for a tap is unreliable.",
         partial(figures_taps.pareto, left_out),
+        narrow=True,
     )
 
 

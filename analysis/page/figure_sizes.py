@@ -67,24 +67,27 @@ STYLES: Mapping[str, FigureStyle] = {
     "paper": FigureStyle(7.0, 180 / 25.4, column=88 / 25.4, height=0.85),
     "talk": FigureStyle(16.0, 40 / 3, aspect=16 / 9),
 }
+NARROW = FigureStyle(10.0, 4.0, column=4.0)
+"""For a page in a narrow window."""
 _STYLE: ContextVar[FigureStyle] = ContextVar("style", default=STYLES["page"])
 _TARGET: ContextVar[Figure | SubFigure | None] = ContextVar("target", default=None)
 
 
 @contextmanager
-def drawn_as(name: StyleName, figure: Figure | SubFigure | None = None) -> Iterator[None]:
+def drawn_as(name: StyleName | FigureStyle, figure: Figure | SubFigure | None = None) -> Iterator[None]:
     """Has figures drawn meanwhile in a style.
 
     Args:
-        name: One of `STYLES`.
+        name: One of `STYLES`, or a style.
         figure: Where to draw them; its size stays, and so do the sizes of the design.
 
     Raises:
         InputError: There is no such style.
     """
-    if name not in STYLES:
+    if isinstance(name, str) and name not in STYLES:
         raise InputError(f"There is no style {name!r}; styles are {', '.join(STYLES)}.")
-    style, target = _STYLE.set(STYLES[name] if figure is None else _DESIGN), _TARGET.set(figure)
+    wanted = STYLES[name] if isinstance(name, str) else name
+    style, target = _STYLE.set(wanted if figure is None else _DESIGN), _TARGET.set(figure)
     try:
         yield
     finally:

@@ -2,6 +2,7 @@
 
 import base64
 import json
+import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
 from importlib import resources
@@ -15,13 +16,14 @@ from markupsafe import Markup
 from ...models.errors import InputError
 from .ahead import drawn_ahead, key_of
 from .figure_curves import CurvePanel
-from .figure_sizes import is_drawn_for_pages
+from .figure_sizes import NARROW, drawn_as, is_drawn_for_pages
 from .figure_style import drawn, save
 from .page import Page, Picture, Section, blocks_of, brief, spans
 
 _IMAGE_BYTES = 1_900_000  # of all figures together; base64 adds a third, and a page has less than 3 MB
 _TOLD_PANELS, _TOLD_SERIES = 6, 3
 _ELEMENTS = {"": Markup("{0}"), "strong": Markup("<strong>{0}</strong>"), "code": Markup("<code>{0}</code>")}
+_BRACKET = re.compile(r"[\[(].*?[\])]")
 _LINK = Markup('<a href="{1}">{0}</a>')
 
 
@@ -30,6 +32,7 @@ class Image(NamedTuple):
 
     Attributes:
         data: Its file as a data URI.
+        narrow: Likewise, for narrow windows; empty where it is the same.
         width: In CSS pixels, 96 per inch.
         curves: What is read off and switched off on the page, as JSON; empty without curves.
         words: What its panels show, after title and caption, for who cannot see them.
@@ -39,6 +42,7 @@ class Image(NamedTuple):
     width: int
     curves: str = ""
     words: str = ""
+    narrow: str = ""
 
 
 def write_page(
@@ -72,7 +76,9 @@ def draw_pictures(
                 files = save(drawing, folder, picture.name, _IMAGE_BYTES // len(pictures))
                 image = embedded(files, round(96 * drawing.inches))
                 images[picture.name] = image._replace(
-                    curves=_as_json(drawing.curves if picture.curves else ()), words=in_words(drawing.curves)
+                    curves=_as_json(drawing.curves if picture.curves else ()),
+                    words=in_words(drawing.curves),
+                    narrow=_narrow(picture) if picture.narrow and is_drawn_for_pages() else "",
                 )
         except InputError:  # of the folder
             raise
@@ -106,9 +112,17 @@ def render_brief(page: Page) -> str:
 def embedded(files: Sequence[Path], width: int) -> Image:
     """A figure for a page, `width` pixels wide: the smallest of its files."""
     chosen = min(files, key=lambda path: path.stat().st_size)
-    kind = "svg+xml" if chosen.suffix == ".svg" else "png"
-    data = f"data:image/{kind};base64,{base64.b64encode(chosen.read_bytes()).decode('ascii')}"
-    return Image(data, width)
+    return Image(_uri(chosen.read_bytes(), "svg+xml" if chosen.suffix == ".svg" else "png"), width)
+
+
+def _narrow(picture: Picture) -> str:
+    with drawn_as(NARROW):
+        drawing = drawn(picture.draw)
+    return "" if drawing is None else _uri(drawing.svg, "svg+xml")
+
+
+def _uri(data: bytes, kind: str) -> str:
+    return f"data:image/{kind};base64,{base64.b64encode(data).decode('ascii')}"
 
 
 def _template(page: Page) -> Template:
@@ -116,7 +130,8 @@ def _template(page: Page) -> Template:
     ids = {block.id for block in blocks if isinstance(block, Section)}
     ids |= {f"figure-{block.name}" for block in blocks if isinstance(block, Picture)}
     environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    environment.filters.update(kind=lambda block: type(block).__name__, marked=partial(_marked, ids=ids - {""}))
+    marked = partial(_marked, ids=ids - {""})
+    environment.filters.update(kind=lambda block: type(block).__name__, marked=marked, unbroken=_unbroken)
     return environment.from_string(_file("page.html"))
 
 
@@ -150,6 +165,11 @@ def _marked(text: str, ids: Collection[str]) -> Markup:
     """The text with its marks as elements, all else escaped; what would lead nowhere is no link."""
     known = ((words, "" if kind.startswith("#") and kind[1:] not in ids else kind) for words, kind in spans(text))
     return Markup("").join(_ELEMENTS.get(kind, _LINK).format(words, kind) for words, kind in known)
+
+
+def _unbroken(text: str) -> str:
+    """The text of a number, which may be broken before a bracket but not in it."""
+    return _BRACKET.sub(lambda found: found[0].replace(" ", "\N{NO-BREAK SPACE}"), text)
 
 
 def _file(name: str) -> str:

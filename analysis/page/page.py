@@ -40,6 +40,7 @@ class Picture(NamedTuple):
         caption: What is to be seen.
         draw: Draws it; `None` where there is nothing to draw, which leaves it out.
         curves: Whether the page tells the values of its curves and can switch them off, see `figure_curves`.
+        narrow: Whether it is drawn a second time for narrow windows, without curves that are told.
     """
 
     name: str
@@ -47,6 +48,7 @@ class Picture(NamedTuple):
     caption: str
     draw: "Callable[[], Figure | None]"
     curves: bool = False
+    narrow: bool = False
 
 
 class Listing(NamedTuple):

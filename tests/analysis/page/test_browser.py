@@ -42,10 +42,11 @@ def scale():
 
 
 def pictures():
-    """One whose curves are read off, one that stays a picture, and one whose curves are on a scale."""
+    """One whose curves are read off, one that stays a picture, one with curves on a scale, one drawn twice."""
     yield Picture("fig1", "Errors", "Errors against the threshold.", curves, curves=True)
     yield Picture("fig2", "Again", "The same.", curves)
     yield Picture("fig3", "Scale", "One curve for each threshold.", scale, curves=True)
+    yield Picture("fig4", "Rows", "Drawn for narrow windows, too.", scale, narrow=True)
 
 
 @pytest.fixture(scope="module")
@@ -55,9 +56,9 @@ def report(tmp_path_factory):
     wide = Table(
         ["model", *(f"error of the object at {i} taps" for i in range(20))], [["a", *["0.50 [0.45, 0.55]"] * 20]]
     )
-    first, second, third = pictures()
+    first, second, third, fourth = pictures()
     sections = [
-        Section("Figures", [first, wide, third], "figures"),
+        Section("Figures", [first, wide, third, fourth], "figures"),
         Section("More", [Section("Inner", [second], "inner", folded=True)], "more", folded=True),
         Section("Episode", [Embedded("<p id='played'>played</p>", "An episode.")], "episode"),
     ]
@@ -227,6 +228,29 @@ def test_a_page_has_room_in_every_window(browser, width, light):
     assert card == "rgb(255, 255, 255)"
     assert ("rgb(255, 255, 255)" in page) == light
     assert (text == "rgb(26, 26, 26)") == light
+
+
+@pytest.mark.parametrize("width", [420, 1600])
+def test_a_narrow_window_has_its_own_picture_and_arrows_where_there_is_more(browser, width):
+    """The picture is whole in it; wide tables have an arrow until they are scrolled to their end."""
+    media(browser, width)
+    whole, drawn_for_it, arrows, at_the_end = browser.execute_async_script(
+        "const done = arguments[0], figure = document.querySelector('#figure-fig4');"
+        "const image = figure.querySelector('img'), scroll = figure.querySelector('.scroll');"
+        "const table = document.querySelector('table').closest('.frame');"
+        "const arrow = () => getComputedStyle(table, '::after').content !== 'none';"
+        "const drawn = () => requestAnimationFrame(() => requestAnimationFrame(() => {"
+        "  const arrows = arrow();"
+        "  table.firstElementChild.scrollLeft = 1e5;"
+        "  requestAnimationFrame(() => requestAnimationFrame(() => done([scroll.scrollWidth <= scroll.clientWidth,"
+        "    image.currentSrc !== image.src, arrows, arrow()])));"
+        "}));"
+        "image.decode().then(drawn);"
+    )
+    assert whole
+    assert drawn_for_it == (width == 420)
+    assert arrows
+    assert not at_the_end
 
 
 def test_without_script_everything_is_there(chromium, report):

@@ -66,6 +66,15 @@ PAGE = Page(
 )
 
 
+def test_a_number_is_broken_before_its_interval_only():
+    """In a narrow window; prose is broken anywhere."""
+    cells = ["a b (c d)", "1.0 [0.5, 1.5]", "a b (c d)"]
+    page = html.render_page(Page("", [Table(["x", "y", "z"], [cells], words={2})], []))
+
+    assert '<td class="n">1.0 [0.5,\N{NO-BREAK SPACE}1.5]</td>' in page
+    assert "<td>a b (c d)</td>" in page
+
+
 class Parsed(HTMLParser):
     """Elements with their attributes, and the text but for script; fails where elements are not closed in order."""
 
