@@ -53,9 +53,9 @@ def causes(split: xr.Dataset, named: str | None = None) -> Figure | None:
     """
     if not np.isfinite(split["share"].values).any():
         return None
-    figure, axes = new_figure(TWO_COLUMNS, 0.75 + 1.35 * _ROW * split.sizes["part"], of_text=True)
+    figure, axes = new_figure(TWO_COLUMNS, 0.95 + 1.35 * _ROW * split.sizes["part"], of_text=True)
     plot_causes(axes[0, 0], split, first_cause(split.fillna(0.0)) if named is None else named)
-    _cause_key(axes[0, 0])
+    _cause_key(figure, axes[0, 0])
     return figure
 
 
@@ -415,7 +415,7 @@ def _map_key(figure: Figure, dependence: xr.Dataset) -> None:
     key(figure, list(keys.values()), list(keys))
 
 
-def _cause_key(axes: Axes) -> None:
+def _cause_key(figure: Figure, axes: Axes) -> None:
     """Names the colours of bars that are there."""
     words = {"first": "main cause", "there": "cause", "perhaps": "not significant", "other": "not a cause"}
     seen = {patch.get_facecolor() for patch in axes.patches}
@@ -424,7 +424,7 @@ def _cause_key(axes: Axes) -> None:
         for kind, word in words.items()
         if to_rgba(_BAR_COLOURS[kind]) in seen
     ]
-    axes.legend(handles=keys, loc="lower right")
+    key(figure, keys, above=True)
 
 
 def _change_key(figure: Figure) -> None:

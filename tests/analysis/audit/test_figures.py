@@ -43,7 +43,7 @@ def test_causes_stand_in_the_order_of_their_shares():
     assert to_hex(axes.patches[3].get_facecolor()) not in (DECIDED, TRUE)
     assert [bar.get_width() for bar in axes.patches[:4]] == pytest.approx([50, 40, 30, 5])
     assert "evidence of 7 taps (%)" in axes.get_xlabel()
-    assert [text.get_text() for text in axes.get_legend().get_texts()] == [
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == [
         "main cause",
         "cause",
         "not significant",
