@@ -224,8 +224,20 @@ def _wrap(figure: Any) -> None:
         place = axes.get_subplotspec()
         if place is not None:
             share = len(place.colspan) / place.get_gridspec().ncols
-            axes.xaxis.label.set_text(_filled(axes.get_xlabel(), int(0.95 * share * room)))
+            axes.xaxis.label.set_text(
+                _filled(axes.get_xlabel(), int(0.95 * share * room) - (share == 1) * _beside(axes))
+            )
             axes.title.set_text(_filled(axes.get_title(), int(0.9 * share * room) - _LETTER))
+
+
+def _beside(axes: Axes) -> int:
+    """Characters of the longest line of the words at the vertical axis, if there are any."""
+    from matplotlib.ticker import FixedLocator  # noqa: PLC0415
+
+    if not isinstance(axes.yaxis.get_major_locator(), FixedLocator):
+        return 0
+    words = axes.yaxis.get_major_formatter().format_ticks(axes.yaxis.get_majorticklocs().tolist())
+    return max((len(line) for word in words for line in word.split("\n")), default=0)
 
 
 def _filled(text: str, width: int) -> str:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from matplotlib.text import Text
 from slow_cases import slow_but
-from solidtouch.analysis.page.figure_sizes import STYLES, drawn_as, key, new_figure
+from solidtouch.analysis.page.figure_sizes import NARROW, STYLES, drawn_as, key, new_figure
 from solidtouch.analysis.page.figure_style import label_panel, save_as, styled
 from solidtouch.models.errors import InputError
 
@@ -147,3 +147,15 @@ def test_a_notebook_shows_a_figure_though_nobody_has_loaded_pyplot():
     figure, _ = new_figure(3.0, 2.0)
 
     assert formatters.PNGFormatter()(figure)[:4] == b"\x89PNG"
+
+
+def test_a_label_beside_long_names_of_rows_fits_a_narrow_window():
+    """What is below a panel has less room where names stand left of it."""
+    with drawn_as(NARROW):
+        figure, axes = styled(new_figure)(7.0, 2.3, of_text=True)
+        axes[0, 0].set_yticks([0, 1], ["differences between sessions", "a"])
+        axes[0, 0].set_xlabel("share of the variance of the evidence of 10 taps (%)")
+        styled(lambda: figure)()
+        figure.draw_without_rendering()
+
+    assert axes[0, 0].xaxis.label.get_window_extent().x1 <= figure.bbox.x1
