@@ -5,7 +5,7 @@ const VIRIDIS = [
   [170, 220, 50], [253, 231, 37],
 ];
 const LINES_ON_LIGHT = [0, 0.62], LINES_ON_DARK = [0.34, 1];
-const THEME_NAMES = ["ink", "soft", "line", "paper", "card", "bar", "mark", "true"];
+const THEME_NAMES = ["ink", "soft", "line", "card", "bar", "mark", "true"];
 
 /** Red, green and blue of a number from 0 to 1. */
 export function viridis(value) {
