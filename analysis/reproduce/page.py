@@ -110,7 +110,7 @@ def _headline(summary: ReproductionSummary) -> Iterator[Block]:
         sides[number(headline["enough"]["rows"][0]["theta"], 10)] = headline["enough"]
     rows = [[theta, _policy(row), *_errors_and_taps(row)] for theta, side in sides.items() for row in side["rows"]]
     sized = [column for column, size in ((2, "M"), (3, "L")) if summary["grid"][size] > 1]
-    table = Table(["belief threshold", "perception", *_heads(summary)], rows, "On fresh taps", words={1})
+    table = Table(["belief threshold", "perception", *_heads(summary)], rows, "On fresh taps")
     yield Brief(table, columns=(0, 1, *sized, 4))
     meanings = [side["meaning"] for side in (headline["stored"], *sides.values())]
     yield Brief(" ".join(filter(None, (*meanings, summary["interval"]))))
