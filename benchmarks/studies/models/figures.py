@@ -1,6 +1,7 @@
 """Figures of the model studies: recovered models, calibration of fits, gain of `session`."""
 
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 from typing import NamedTuple
 
 import numpy as np
@@ -81,13 +82,14 @@ def plot_ranks(axes: Axes, panel: RankPanel) -> Axes:
     """One line per quantity over the band."""
     axes.fill_between(panel.z, panel.low, panel.high, color=OTHERS, alpha=0.3, linewidth=0)
     axes.axhline(0, color=OTHERS, linewidth=0.6)
-    for colour, (name, curve) in zip(_SPREAD, panel.curves.items(), strict=False):
-        axes.plot(panel.z, curve, color=colour, label=name)
+    for colour, line, (name, curve) in zip(_SPREAD, cycle(_LINES), panel.curves.items(), strict=False):
+        axes.plot(panel.z, curve, color=colour, linestyle=line, label=name)
     axes.set_xlim(0, 1)
     axes.legend(loc="center left", bbox_to_anchor=(1, 0.5), fontsize="small", handlelength=2.4)
     return axes
 
 
+_LINES = ("-", (0, (5, 1.5)), (0, (1.2, 1)), (0, (6, 1.2, 1.2, 1.2)))
 _SPREAD = [TWELVE[i] for i in (4, 1, 3, 0, 5, 2, 8, 6, 9, 7, 10, 11)]  # neighbours far apart
 
 
