@@ -121,11 +121,11 @@ def rule_figure(panels: Sequence[RulePanel]) -> Figure:
 
 
 def plot_rule(axes: Axes, panel: RulePanel) -> Axes:
-    """A dot for the end of every run, on logarithmic axes; gaps below a ten-thousandth are drawn there."""
+    """A mark for the end of every run, on logarithmic axes; gaps below a ten-thousandth are drawn there."""
     least = 1e-4
-    for colour, (name, (change, gap)) in zip(_SPREAD, panel.points.items(), strict=False):
+    for colour, mark, (name, (change, gap)) in zip(_SPREAD, cycle("o^sx"), panel.points.items(), strict=False):
         values = np.maximum(change, least).ravel(), np.maximum(gap, least).ravel()
-        axes.plot(*values, "o", color=colour, markersize=2, alpha=0.6, label=name)
+        axes.plot(*values, mark, color=colour, markersize=2.4, alpha=0.6, label=name)
     axes.axvline(panel.limit, color=OTHERS, linewidth=0.6)
     axes.set_xscale("log")
     axes.set_yscale("log")
