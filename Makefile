@@ -89,7 +89,7 @@ reference-studies: $(VENV)/.ready-run
 	@$(PY) -m benchmarks.studies.beliefs.unknown --document docs/explanation/unknown-objects.md
 
 strategy-studies: $(VENV)/.ready-run
-	@$(PY) -m benchmarks.studies.strategies.comparison --document docs/explanation/strategies.md
+	@$(PY) -m benchmarks.studies.strategies.comparison --document docs/explanation/strategies.md $(if $(RECORDED),--recorded "$(RECORDED)")
 	@$(PY) -m benchmarks.studies.strategies.tuning --document docs/how-to/tuning.md
 
 fuzz: $(VENV)/.ready-run
