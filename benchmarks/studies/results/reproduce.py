@@ -110,7 +110,11 @@ def on_fresh_taps(summary: ReproductionSummary) -> str:
     """Where no tap is drawn twice in a trial: at a threshold for which the test taps suffice, and at the shown one."""
     headline = summary["headline"]
     lines = [
-        [f"{row['theta']:g}", row["policy"].replace(" - ", " − "), *(told(row, name, digits) for name, digits in _FRESH_DIGITS.items())]
+        [
+            f"{row['theta']:g}",
+            row["policy"].replace(" - ", " − "),
+            *(told(row, name, digits) for name, digits in _FRESH_DIGITS.items()),
+        ]
         for side in (headline["enough"], headline["fresh"])
         if side is not None
         for row in side["rows"]
