@@ -121,7 +121,7 @@ def comparison(data: DataSet, models: Sequence[Any]) -> st.ComparisonReport:
 
 
 def compared(report: st.ComparisonReport, wrong: str) -> str:
-    """A table of models, how the wrong one does, and the findings."""
+    """A table of models, how the wrong one does, and which are best."""
     summary, classes, taps = report.summary, report.classes, report.taps
     contacts = [int(classes["contacts"].values[end]) for end in (0, -1)]
     after = [f"after {n} tap{'s' * (n > 1)}" for n in contacts]
@@ -148,7 +148,7 @@ def compared(report: st.ComparisonReport, wrong: str) -> str:
     told = ", ".join(f"{one} of {len(lines)} {at}" for one, at in zip(places, after, strict=True))
     chance = f"By the fraction of right classes `{wrong}` is {told}; chance is {number(1 / trained)}."
     refused = [f"{one['name']} was refused: {one['reason']}" for one in summary["refused"]]
-    return f"{table(head, lines)}\n\n{chance}\n\n" + "\n".join(f"- {one}" for one in [*summary["findings"], *refused])
+    return f"{table(head, lines)}\n\n{chance}\n\n" + "\n".join(f"- {one}" for one in [summary["headline"], *refused])
 
 
 def place(scores: xr.Dataset, name: str) -> int:
