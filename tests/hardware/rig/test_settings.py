@@ -99,7 +99,7 @@ WRONG = {
         edited("samples = 30", "samples = 0"),
         r"tap.samples: must be an integer from 1 to 100,000, got 0\.",
     ),
-    "unknown sensor": (edited('"icub"', '"eye"'), r"sensor.kind: invalid value 'eye'"),
+    "unknown sensor": (edited('"icub"', '"eye"'), r"sensor\.kind: must be icub or lines, got 'eye'"),
     "limits": (edited("high_mm = 7.0", "high_mm = -2.0"), r"stage.x: low_mm=-1 must be below high_mm=-2"),
     "same letter": (edited('"Y"', '"X"'), r"stage.y.letter: both axes are called X"),
     "range outside": (edited("end_mm = 6.0", "end_mm = 9.0"), r"range.end_mm: 9 mm is outside the limits of stage.x"),
