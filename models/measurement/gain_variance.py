@@ -32,8 +32,8 @@ POINTS = 65
 _COARSE = 17, 33  # points while the posterior is being found
 _DROP = 12.0  # of the log density from its largest value, beyond which the posterior is left out
 _ZOOM = 0.8  # a range that is narrowed less is found
-_FINEST = 1e-6  # standard deviations below it are as good as 0; the grid is even below and logarithmic above
-_LARGEST = 10 * PRIOR_SD
+_FINEST = 1e-9  # standard deviations below it are as good as 0; the grid is even below and logarithmic above
+_LARGEST = 1e3 * PRIOR_SD
 _CLOSE = 0.01  # of the spread: by how much a grid of every second point may differ
 
 
@@ -152,8 +152,8 @@ def _found(
         width, sd = np.ptp(ends, axis=1), _grid(ends, scale, points)
         log_weight = _log_weight(cells, quantity, sd, scale)
         weight, ends = np.exp(log_weight - log_weight.max()), _narrowed(log_weight, sd)
-        middle = np.array([_median(values, _marginal(weight, axis)) for axis, values in enumerate(sd)])
-        scale = np.maximum(middle / 2, _FINEST)
+        low = np.array([_low(values, _marginal(weight, axis)) for axis, values in enumerate(sd)])
+        scale = np.maximum(low, _FINEST)
     return ends, scale
 
 
@@ -201,9 +201,10 @@ def _moments(values: NDArray[np.float64], weight: NDArray[np.float64]) -> tuple[
     return float(mean), float(np.sqrt(np.average((values - mean) ** 2, weights=weight)))
 
 
-def _median(values: NDArray[np.float64], weight: NDArray[np.float64]) -> float:
+def _low(values: NDArray[np.float64], weight: NDArray[np.float64]) -> float:
+    """The value below which a tenth of the posterior is."""
     cumulative = weight.cumsum()
-    return float(values[np.searchsorted(cumulative, cumulative[-1] / 2)])
+    return float(values[np.searchsorted(cumulative, cumulative[-1] * 0.1)])
 
 
 def _at(axis: int, index: list[int]) -> tuple[slice | list[int], ...]:

@@ -102,8 +102,12 @@ DESIGNS = {
     "one tap in a cell": Design(0.05, 0.05, 0.0, R=6, C=8, n=1),
     "one session": Design(0.0, 0.0, 0.1, R=1, C=6, n=5),
     "far beyond the prior": Design(1.0, 1.0, 1.0, R=3, C=4, n=4),
+    "sessions ten times as far": Design(10.0, 0.01, 0.01, R=6, C=8, n=4),
+    "everything thirty times as far": Design(30.0, 30.0, 30.0, R=6, C=8, n=4),
     "many sessions": Design(0.02, 0.1, 0.05, R=30, C=5, n=2),
     "nearly exact": Design(1e-3, 1e-4, 1e-3, R=3, C=20, n=50, error=1e-5),
+    "without noise": Design(0.0, 0.0, 0.0, R=5, C=5, n=1000, error=1e-6),
+    "hardly any cells without noise": Design(0.0, 0.0, 0.0, R=2, C=2, n=2, error=1e-6),
 }
 
 
@@ -118,7 +122,7 @@ def test_the_posterior_is_that_of_a_grid_of_another_kind(name, rng):
     for told, sd in zip(cells.told, posterior.sd, strict=True):
         assert (len(sd) > 1) == told
         x, w = np.polynomial.legendre.leggauss(160)
-        low, high = np.log(max(sd[0] / 2, 1e-9)), np.log(min(2 * sd[-1], 3.0)) if told else 0.0
+        low, high = np.log(max(sd[0] / 2, 1e-10)), np.log(min(2 * sd[-1], 300.0)) if told else 0.0
         nodes.append(np.exp((low + high) / 2 + (high - low) / 2 * x) if told else np.zeros(1))
         base.append(w * nodes[-1] if told else np.ones(1))
     found = log_density(cells, 0, nodes)
