@@ -84,8 +84,8 @@ def _places(kind: Any, path: Sequence[str], value: Any) -> Iterator[tuple[Any, A
             yield from _places(fields[key], others, value[key])
     elif isinstance(value, list) and path[0].isdigit():
         index = int(path[0])
-        item = kind.item_types[index] if hasattr(kind, "item_types") else getattr(kind, "item_type", None)
-        yield from _places(item, path[1:], value[index])
+        pair = isinstance(kind, msgspec.inspect.TupleType)
+        yield from _places(kind.item_types[index] if pair else getattr(kind, "item_type", None), path[1:], value[index])
 
 
 def _allowed(kind: Any) -> str:
