@@ -35,6 +35,8 @@ SEQUENCES = (1, 2, 5, 10, 20, 50)
 
 MOST_CLASSES = 150
 """Of more classes than these, as many evenly chosen ones are used: they tell enough."""
+MOST_SESSIONS = 50
+"""Likewise of sessions; time grows with the cube of their number."""
 _FLAT = 10.0  # variance of a mean tap over that of its noise, below which its slope says little of a gain
 _SPREAD = 1e-9  # of its square: a mean tap that varies less is constant
 
@@ -110,10 +112,10 @@ def variance_components(
             "Variance components need taps of shape (N, J, K) with a class and a session each, got shapes "
             f"{samples.shape}, {own.shape} and {session.shape}."
         )
-    classes = np.unique(own)
-    all_classes = len(classes)
-    if all_classes > MOST_CLASSES:
-        kept = np.isin(own, classes[np.linspace(0, all_classes - 1, MOST_CLASSES).round().astype(np.intp)])
+    all_classes, all_sessions = len(np.unique(own)), len(np.unique(session))
+    kept = _evenly(session, MOST_SESSIONS)
+    kept[kept] = _evenly(own[kept], MOST_CLASSES)
+    if not kept.all():
         samples = samples.chosen(kept) if isinstance(samples, ScaledSamples) else samples[kept]
         own, session = own[kept], session[kept]
     gains = tap_gains(samples, own, session)
@@ -121,10 +123,18 @@ def variance_components(
         return _untold(gains)
     cells = collapse(gains, own, session)
     components = _summarise(gain_posteriors(cells), cells, gains)
-    if all_classes == len(gains.used):
+    if kept.all():
         return components
-    chosen = f"Variance components were estimated from {len(gains.used)} of {all_classes} classes."
+    used = {"classes": (len(gains.used), all_classes), "sessions": (len(np.unique(session)), all_sessions)}
+    parts = " and ".join(f"{some} of {all_} {name}" for name, (some, all_) in used.items() if some < all_)
+    chosen = f"Variance components were estimated from {parts}."
     return components._replace(sentences=(chosen, *components.sentences))
+
+
+def _evenly(values: NDArray[np.integer], most: int) -> NDArray[np.bool_]:
+    """Which values are among so many different ones, evenly chosen, or among all."""
+    known = np.unique(values)
+    return np.isin(values, known[np.linspace(0, len(known) - 1, min(most, len(known))).round().astype(np.intp)])
 
 
 def tap_gains(

@@ -247,6 +247,17 @@ def test_of_many_classes_some_are_chosen(rng, monkeypatch):
     )
 
 
+def test_of_many_sessions_some_are_chosen(rng, monkeypatch):
+    """Before classes are, of which those of other sessions are none."""
+    monkeypatch.setattr(module, "MOST_SESSIONS", 3)
+    taps, own, session, _, _ = made(rng, tap=0.1)
+    elsewhere = np.where(session == 1, own + 100, own)
+    sessions = "3 of 4 sessions."
+
+    assert variance_components(taps, own, session).sentences[0].endswith(f"from {sessions}")
+    assert variance_components(taps, elsewhere, session).sentences[0].endswith(f"from 6 of 12 classes and {sessions}")
+
+
 def test_arrays_that_do_not_fit_are_refused(rng):
     taps, own, session, _, _ = made(rng)
     for arguments in ((taps[0], own, session), (taps, own[1:], session), (taps[:0], own[:0], session[:0])):
