@@ -71,16 +71,27 @@ if {seldom}:
 searches = []
 gc.callbacks.append(lambda phase, info: searches.append(phase))
 with interrupt.loading():
+    with interrupt.loading():
+        pass
     kept = [[number] for number in range(500_000)]
 print(len(searches), gc.get_freeze_count() > 500_000, gc.isenabled())
+gc.disable()
+with interrupt.loading():
+    pass
+assert not gc.isenabled()
 """
+OF_TWO_GENERATIONS = "import gc\nof_three = gc.get_threshold\ngc.get_threshold = lambda: (*of_three()[:2], 0)\n"
 
 
-@pytest.mark.parametrize("seldom", [True, False])
-def test_what_a_command_loads_is_never_searched_for_garbage(seldom):
-    """Where Python collects as usual, as in programs of others, loading changes nothing."""
+@pytest.mark.parametrize(
+    ("seldom", "before"),
+    [(True, ""), (False, ""), (True, OF_TWO_GENERATIONS)],
+    ids=["seldom", "as usual", "two generations"],
+)
+def test_what_a_command_loads_is_never_searched_for_garbage(seldom, before):
+    """Where Python collects as usual, as in programs of others, or not at all, loading changes nothing."""
     done = subprocess.run(
-        [sys.executable, "-c", LOADED.format(seldom=seldom)], capture_output=True, text=True, check=True
+        [sys.executable, "-c", before + LOADED.format(seldom=seldom)], capture_output=True, text=True, check=True
     )
     searches, kept, on = done.stdout.split()
 
