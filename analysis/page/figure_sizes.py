@@ -6,7 +6,7 @@ wide what spans the page is; strokes and marks grow with the type.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from itertools import pairwise
@@ -93,6 +93,12 @@ def drawn_as(name: StyleName | FigureStyle, figure: Figure | SubFigure | None = 
     finally:
         _STYLE.reset(style)
         _TARGET.reset(target)
+
+
+def narrowly(draw: Callable[[], Figure | None]) -> Figure | None:
+    """Calls a function that draws, for a narrow window."""
+    with drawn_as(NARROW):
+        return draw()
 
 
 def is_drawn_for_pages() -> bool:

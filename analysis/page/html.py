@@ -16,8 +16,8 @@ from markupsafe import Markup
 from ...models.errors import InputError
 from .ahead import drawn_ahead, key_of
 from .figure_curves import CurvePanel
-from .figure_sizes import NARROW, drawn_as, is_drawn_for_pages
-from .figure_style import drawn, save
+from .figure_sizes import is_drawn_for_pages
+from .figure_style import Drawing, drawn, save
 from .page import Page, Picture, Section, blocks_of, brief, spans
 
 _IMAGE_BYTES = 1_900_000  # of all figures together; base64 adds a third, and a page has less than 3 MB
@@ -67,18 +67,23 @@ def draw_pictures(
 ) -> dict[str, Image | str]:
     """Writes figures into a folder, and returns them for a page by name, or why one could not be drawn."""
     images: dict[str, Image | str] = {}
-    known = drawn_ahead() if is_drawn_for_pages() else {}
+    for_pages = is_drawn_for_pages()
+    known = drawn_ahead() if for_pages else {}
+
+    def drawing_by(draw: Callable[[], Any]) -> Drawing | None:
+        key = key_of(draw)
+        return known[key][1] if key in known else drawn(draw)
+
     for picture in pictures:
         try:
-            key = key_of(picture.draw)
-            drawing = known[key][1] if key in known else drawn(picture.draw)
+            drawing = drawing_by(picture.draw)
             if drawing is not None:
                 files = save(drawing, folder, picture.name, _IMAGE_BYTES // len(pictures))
                 image = embedded(files, round(96 * drawing.inches))
                 images[picture.name] = image._replace(
                     curves=_as_json(drawing.curves if picture.curves else ()),
                     words=in_words(drawing.curves),
-                    narrow=_narrow(picture) if picture.narrow and is_drawn_for_pages() else "",
+                    narrow="".join(_narrow(drawing_by(draw)) for draw in picture.narrow_draws if for_pages),
                 )
         except InputError:  # of the folder
             raise
@@ -115,9 +120,7 @@ def embedded(files: Sequence[Path], width: int) -> Image:
     return Image(_uri(chosen.read_bytes(), "svg+xml" if chosen.suffix == ".svg" else "png"), width)
 
 
-def _narrow(picture: Picture) -> str:
-    with drawn_as(NARROW):
-        drawing = drawn(picture.draw)
+def _narrow(drawing: Drawing | None) -> str:
     return "" if drawing is None else _uri(drawing.svg, "svg+xml")
 
 

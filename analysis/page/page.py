@@ -5,7 +5,10 @@ Text may hold `**strong**` words, `` `code` `` and links to sections, `[words](#
 
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
+
+from .figure_sizes import narrowly
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -49,6 +52,11 @@ class Picture(NamedTuple):
     draw: "Callable[[], Figure | None]"
     curves: bool = False
     narrow: bool = False
+
+    @property
+    def narrow_draws(self) -> "list[Callable[[], Figure | None]]":
+        """What draws it for narrow windows, if anything does."""
+        return [partial(narrowly, self.draw)] * self.narrow
 
 
 class Listing(NamedTuple):

@@ -132,7 +132,7 @@ class StudyReport(Report):
         """
         with drawn_as(style), complete_folder(folder, force) as temporary:
             if is_drawn_for_pages():
-                draw_ahead(picture.draw for picture in self.pictures)
+                draw_ahead(draw for one in self.pictures for draw in (one.draw, *one.narrow_draws))
             page = self.page
             self._write_more(temporary)
             images = draw_pictures(temporary, page.pictures, progress("Drawing figures", len(page.pictures)))
