@@ -18,7 +18,7 @@ class Criterion(NamedTuple):
 
     Attributes:
         title: For the head of a column.
-        said: What models are good at, for a sentence.
+        said: What models are good in, for a sentence.
         unit: Of the values.
         larger: Whether larger is better.
         values: Of each model that has one.
@@ -71,7 +71,7 @@ def levels(comparison: Comparison) -> list[Criterion]:
             continue
         at = comparison.equal.sel(policy=policy, taps=taps)
         title = f"{policy} object error at {taps:g} tap{'s' * (taps != 1)}"
-        found.append(_level(title, f"the {title}", "" if unit == "P(wrong)" else unit, False, at, "what_error"))
+        found.append(_level(title, title, "" if unit == "P(wrong)" else unit, False, at, "what_error"))
     return [level for level in found if level.values]
 
 
@@ -104,13 +104,13 @@ def headline(levels: Sequence[Criterion]) -> str:
         return ""
     always = [name for name in ranked[0].best if all(name in level.best for level in ranked)]
     if always:
-        levels_named = "all levels" if len(ranked) > 1 else ranked[0].said
-        return f"{listed(always)} {'is' if len(always) == 1 else 'are'} best at {levels_named}."
+        levels_named = "at all levels" if len(ranked) > 1 else f"in {ranked[0].said}"
+        return f"{listed(always)} {'is' if len(always) == 1 else 'are'} best {levels_named}."
     at: dict[str, list[str]] = {}
     for level in ranked:
         at.setdefault(listed(level.best), []).append(level.said)
     verb = "is" if len(ranked[0].best) == 1 else "are"
-    parts = [f"{names} {f'{verb} best ' * (not number)}at {listed(at[names])}" for number, names in enumerate(at)]
+    parts = [f"{names} {f'{verb} best ' * (not number)}in {listed(at[names])}" for number, names in enumerate(at)]
     return f"No model is best at all levels: {'; '.join(parts)}."
 
 

@@ -56,7 +56,7 @@ class Picture(NamedTuple):
     @property
     def narrow_draws(self) -> "list[Callable[[], Figure | None]]":
         """What draws it for narrow windows, if anything does."""
-        return [partial(narrowly, self.draw)] * self.narrow
+        return [partial(narrowly, self.draw)] if self.narrow else []
 
 
 class Listing(NamedTuple):

@@ -51,7 +51,7 @@ def collect_seldom() -> None:
 
 @contextmanager
 def kept() -> Iterator[None]:
-    """Keeps what is made inside for good, once garbage is collected seldom: a search of JAX and others takes long."""
+    """Keeps what is made inside for good, once garbage is collected seldom: searching JAX and others takes long."""
     seldom = gc.isenabled() and gc.get_threshold()[:2] == _SELDOM[:2]  # Python 3.14 has no third generation
     if seldom:
         gc.disable()

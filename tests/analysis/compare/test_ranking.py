@@ -44,7 +44,7 @@ def test_equal_models_share_the_better_rank():
     assert (row["best"], row["value"], row["second"]) == (["b", "c"], -8.0, "a")
     assert row["less_second"] == [1.0, None, None]
     assert row["less_reference"] == [2.0, *tied.difference["b"]]
-    assert headline([tied]) == "b and c are best at being best at taps."
+    assert headline([tied]) == "b and c are best in being best at taps."
 
 
 def test_the_best_is_compared_with_the_second_and_the_reference():
@@ -105,11 +105,11 @@ def test_the_headline_names_who_is_best_at_what():
     third = level("belief", {"a": -2.0, "b": -1.0})
     alone = level("more", {"a": 1.0})
     assert headline([TAPS, ERROR, third, alone]) == (
-        "No model is best at all levels: b is best at being best at taps and being best at belief; a at being best at "
+        "No model is best at all levels: b is best in being best at taps and being best at belief; a in being best at "
         "active error."
     )
     assert headline([TAPS, TAPS]) == "b is best at all levels."
-    assert headline([ERROR]) == "a is best at being best at active error."
+    assert headline([ERROR]) == "a is best in being best at active error."
     assert headline([alone]) == headline([]) == ""
 
 
@@ -117,7 +117,7 @@ def test_equal_winners_are_named_together_and_a_common_winner_alone():
     tied = level("x", {"a": 1.0, "b": 1.0, "c": 0.0})
     assert headline([tied, TAPS]) == "b is best at all levels."
     assert headline([tied, level("y", {"a": 0.0, "b": 0.0, "c": 1.0})]).startswith(
-        "No model is best at all levels: a and b are best at being best at x; c at"
+        "No model is best at all levels: a and b are best in being best at x; c in"
     )
 
 
