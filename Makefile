@@ -6,7 +6,7 @@ PY := $(VENV)/bin/python
 # Files of tests on all cores, but not on so many that memory runs short, in the order of tests/conftest.py.
 SIDE_BY_SIDE := -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
-.PHONY: docs docs-check man run test test-times test-all check format bench bench-cluster bench-quick studies audit-studies interval-studies results reference-studies strategy-studies fuzz faults firmware kills mutants house rig-demo lock clean help
+.PHONY: docs docs-check man run test test-times test-all check format bench bench-cluster bench-quick studies audit-studies interval-studies results reference-studies strategy-studies fuzz faults firmware kills mutants house peers rig-demo lock clean help
 
 run: $(VENV)/.ready-run
 	@$(VENV)/bin/solidtouch reproduce
@@ -114,6 +114,9 @@ mutants: $(VENV)/.ready-dev
 house: $(VENV)/.ready-run
 	@$(PY) -m benchmarks.checks.house $(VERSION)
 
+peers: $(VENV)/.ready-dev
+	@SCIPY_ARRAY_API=1 $(PY) -m benchmarks.peers.estimator --document docs/how-to/scikit-learn.md
+
 docs: $(VENV)/.ready-docs
 	@$(PY) -m benchmarks.site.build
 
@@ -158,6 +161,7 @@ help:
 	@echo "make kills   kill data collections and all long commands at random moments, fill their disks, start them twice; two hours"
 	@echo "make mutants  plant small errors and count those that tests notice, into docs/explanation/mutants.md; hours, resumes"
 	@echo "make house   print sizes and shape of the code; VERSION=REVISION measures another version, as far as nothing has to run"
+	@echo "make peers   run checks of scikit-learn on TapClassifier, into docs/how-to/scikit-learn.md"
 	@echo "make fuzz    feed the decoders a million random and mutated inputs, the readers 1000 damaged files of each format (FILES=), the commands 10 damaged lines of each of 29 (LINES=)"
 	@echo "make lock    pin the newest dependencies in constraints.txt"
 	@echo "make clean   remove generated files"

@@ -30,11 +30,27 @@ class _Absent:
 
 try:
     from sklearn.base import BaseEstimator, ClassifierMixin
+    from sklearn.utils.metaestimators import available_if
     from sklearn.utils.multiclass import check_classification_targets
     from sklearn.utils.validation import check_is_fitted, validate_data
 except ImportError:
     BaseEstimator, ClassifierMixin = _Absent, type("ClassifierMixin", (), {})
     check_classification_targets = check_is_fitted = validate_data = cast("Any", None)
+
+    def available_if(check: Any) -> Any:  # noqa: ARG001 - as that of scikit-learn
+        """No condition, as there are no estimators."""
+        return lambda method: method
+
+
+def _takes_parts(classifier: "TapClassifier") -> bool:
+    """Whether the model of all taps is a sum over parts.
+
+    Raises:
+        InputError: It is not.
+    """
+    if classifier.model != "histogram" or classifier.edges is None or str(classifier.power).startswith("learned"):
+        raise InputError("partial_fit requires model='histogram' with given edges and a power that is not learned.")
+    return True
 
 
 class TapClassifier(ClassifierMixin, BaseEstimator):  # pyright: ignore[reportGeneralTypeIssues]
@@ -125,8 +141,12 @@ class TapClassifier(ClassifierMixin, BaseEstimator):  # pyright: ignore[reportGe
         self.classes_ = classes
         return self
 
+    @available_if(_takes_parts)
     def partial_fit(self, X: ArrayLike, y: ArrayLike, classes: ArrayLike | None = None) -> Self:
         """Adds training taps; the model equals that of `fit` on all taps given so far.
+
+        Only a histogram with given `edges` and a power that is not learned has this method, as other models depend on
+        all taps at once; without it an `AttributeError` is raised.
 
         Args:
             X: Samples, shape (N, J, K).
@@ -134,11 +154,8 @@ class TapClassifier(ClassifierMixin, BaseEstimator):  # pyright: ignore[reportGe
             classes: All labels that will ever be given; needed in the first call.
 
         Raises:
-            InputError: The model is not a histogram with given `edges` and power, and so depends on all taps at once;
-                the edges have changed; or there are no classes in the first call, or other ones.
+            InputError: The edges have changed; or there are no classes in the first call, or other ones.
         """
-        if self.model != "histogram" or self.edges is None or str(self.power).startswith("learned"):
-            raise InputError("partial_fit requires model='histogram' with given edges and a power that is not learned.")
         known = getattr(self, "classes_", None)
         if known is None and classes is None:
             raise InputError("The first call of partial_fit requires classes.")
