@@ -90,7 +90,7 @@ NOT_RUN = {
         "check_regressors_train",
     ),
     "no clustering": ("check_clusterer_compute_labels_predict", "check_clustering"),
-    "no detector of outliers; that of [objects never trained](../explanation/unknown-objects.md) takes whole episodes": (
+    "no detector of outliers ([unknown objects](../explanation/unknown-objects.md) are told by whole episodes)": (
         "check_outlier_contamination",
         "check_outlier_corruption",
         "check_outliers_fit_predict",
