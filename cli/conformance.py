@@ -1,12 +1,14 @@
 """`solidtouch conformance`: cases with exact answers, for the engines of this package and other programs."""
 
+from collections import Counter
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 from typer import Argument, Option
 
 from ..models.errors import InputError
+from ..models.storage import check_writable, complete_file
 from .shared.interrupt import loading
 from .shared.options import Force
 
@@ -19,6 +21,14 @@ app = typer.Typer(
     add_completion=False,
 )
 Cases = Annotated[list[str] | None, Option("--case", metavar="NAME", help="Only this case; repeatable.")]
+Levels = Annotated[
+    list[str] | None,
+    Option(
+        "--level",
+        metavar="LEVEL",
+        help="Cases of this level, with those of --case: core, episodes, borders or limits; repeatable. Default: all.",
+    ),
+]
 Precision = Annotated[
     Literal["double", "single"], Option(help="Floating-point precision of the program; single gets wider tolerances.")
 ]
@@ -27,36 +37,44 @@ Precision = Annotated[
 @app.command("list")
 def list_cases(
     case: Cases = None,
+    level: Levels = None,
 ) -> None:
-    """List the cases and what each tests."""
+    """List the cases, their levels and what each tests."""
     with loading():
         from rich.console import Console
         from rich.table import Table
 
-        from ..analysis.conformance.report import cases
-    table = Table("case", "equations", "taps", "what it tests", box=None)
-    chosen = cases(*case or ())
+        from ..analysis.conformance.case import LEVELS
+        from ..analysis.conformance.dataset.version import KIT_VERSION
+        from ..analysis.conformance.front import cases
+    table = Table("case", "level", "equations", "taps", "what it tests", box=None)
+    chosen = cases(*case or (), levels=level or ())
     for one in chosen:
-        table.add_row(one.name, _equations(one.equations), str(len(one.taps)), one.about)
+        table.add_row(one.name, one.level, _equations(one.equations), str(len(one.taps)), one.about)
     console = Console()
     console.print(table)
-    console.print(f"{len(chosen)} cases.", highlight=False)
+    sizes = Counter(one.level for one in chosen)
+    for name, about in LEVELS.items():
+        if sizes[name]:
+            console.print(f"{name}: {sizes[name]} cases; {about}.", highlight=False)
+    console.print(f"{len(chosen)} cases of kit {KIT_VERSION}.", highlight=False)
 
 
 @app.command("export")
 def export_cases(
     folder: Annotated[Path, Argument(metavar="DIR", help="Folder to write.", show_default=False)],
     case: Cases = None,
+    level: Levels = None,
     precision: Precision = "double",
     force: Force = False,
 ) -> None:
     """Write the cases with exact answers: JSON, input lines for a program, and NPZ for large cases."""
     with loading():
-        from ..analysis.conformance.report import export
+        from ..analysis.conformance.front import export
     from .shared.progress import bars
 
     with bars() as progress:
-        written = export(folder, case or (), precision=precision, force=force, progress=progress)
+        written = export(folder, case or (), levels=level or (), precision=precision, force=force, progress=progress)
     print(f"Cases in {folder}: {written}; {folder / 'index.json'} lists them.")
 
 
@@ -66,11 +84,12 @@ def run_engines(
         Literal["numpy", "numpyro", "montecarlo"] | None, Option(help="Only this engine; default: all.")
     ] = None,
     case: Cases = None,
+    level: Levels = None,
     verbose: Annotated[bool, Option("--verbose", help="Also print the cases that pass.")] = False,
 ) -> None:
     """Check the engines of this package; exit code 1 if one differs."""
     with loading():
-        from ..analysis.conformance.report import run_engine
+        from ..analysis.conformance.front import run_engine
         from ..analysis.conformance.routes import ROUTES
     from .shared.progress import bars
 
@@ -78,7 +97,7 @@ def run_engines(
     for name in (engine,) if engine else ROUTES:
         print(f"Engine {name}")
         with bars() as progress:
-            report = run_engine(name, case or (), progress=progress)
+            report = run_engine(name, case or (), levels=level or (), progress=progress)
         passed &= _printed(report, verbose)
     if not passed:
         raise typer.Exit(1)
@@ -98,6 +117,7 @@ def check(
         ),
     ] = None,
     case: Cases = None,
+    level: Levels = None,
     precision: Precision = "double",
     without: Annotated[
         list[str] | None,
@@ -107,29 +127,49 @@ def check(
     ] = None,
     timeout: Annotated[float, Option(min=0.1, help="Time limit per case in seconds.")] = 10.0,
     together: Annotated[bool, Option("--together", help="Start the program once for all cases.")] = False,
+    report_as: Annotated[
+        Literal["json", "junit"] | None,
+        Option("--report", help="Write the verdicts as JSON or as JUnit XML, on standard output in place of the text."),
+    ] = None,
+    report_file: Annotated[
+        Path | None,
+        Option(
+            "--report-file",
+            metavar="FILE",
+            help="File for --report, which is replaced; the text then stays on standard output.",
+        ),
+    ] = None,
     verbose: Annotated[bool, Option("--verbose/--quiet", help="Also print the cases that pass.")] = True,
 ) -> None:
     """Check a program in any language; report the first difference, its size and likely cause."""
     with loading():
-        from ..analysis.conformance.report import run_files, run_program
+        from ..analysis.conformance.front import run_files, run_program
     from .shared.progress import bars
 
     if (command is None) == (answers is None):
         raise InputError("Give either --command PROGRAM or --answers DIR.")
+    if report_file is not None:
+        if report_as is None:
+            raise InputError("--report-file needs --report json or --report junit.")
+        check_writable(report_file, force=True)
+    how: dict[str, Any] = {"levels": level or (), "precision": precision, "without": without or ()}
     with bars() as progress:
         if answers is not None:
-            report = run_files(answers, case or (), precision=precision, without=without or (), progress=progress)
+            report = run_files(answers, case or (), **how, progress=progress)
         else:
             report = run_program(
-                command or "",
-                case or (),
-                precision=precision,
-                without=without or (),
-                timeout=timeout,
-                together=together,
-                progress=progress,
+                command or "", case or (), **how, timeout=timeout, together=together, progress=progress
             )
-    if not _printed(report, verbose):
+    if report_as is None or report_file is not None:
+        _printed(report, verbose)
+    if report_as is not None:
+        text = report.as_json() if report_as == "json" else report.as_junit()
+        if report_file is None:
+            print(text, end="")
+        else:
+            with complete_file(report_file, force=True) as temporary:
+                temporary.write_text(text, encoding="utf-8")
+    if not report.passed:
         raise typer.Exit(1)
 
 

@@ -8,8 +8,7 @@ docs/reference/conformance/README.md defines the cases and the answers. The comm
 """
 
 from .analysis.conformance.case import Case
-from .analysis.conformance.report import (
-    ConformanceReport,
+from .analysis.conformance.front import (
     cases,
     expected,
     export,
@@ -18,6 +17,7 @@ from .analysis.conformance.report import (
     run_files,
     run_program,
 )
+from .analysis.conformance.report import ConformanceReport
 from .analysis.conformance.verdict import Verdict
 
 __all__ = [

@@ -14,6 +14,13 @@ from numpy.typing import NDArray
 from ...inference.reference import Border, Power
 
 FORMAT = 1
+LEVELS = {
+    "core": "each of the equations 1 to 10 by itself, with border uniform",
+    "episodes": "whole episodes: all equations together, tap after tap, with border uniform",
+    "borders": "the other readings of Eq. 9, and untrained classes",
+    "limits": "the limits of floating point: up to 10 000 taps, beliefs below 1e-308, moves with any border",
+}
+"""Names and what they are about, from simple to demanding; a case belongs to one of them."""
 
 
 class Training(NamedTuple):
@@ -57,6 +64,7 @@ class Case:
         where_value: Of the where classes, default their numbers.
         answered: Taps with an expected answer, counted from 1; none for all.
         strict_ties: Whether equal beliefs are equal in any arithmetic, so that the lowest index is the one answer.
+        level: What a program that passes it can claim, one of `LEVELS`.
     """
 
     name: str
@@ -79,6 +87,7 @@ class Case:
     where_value: tuple[float, ...] = ()
     answered: tuple[int, ...] = ()
     strict_ties: bool = False
+    level: str = "core"
 
     def __repr__(self) -> str:
         return f"<Case {self.name}: {len(self.taps)} tap{'s' * (len(self.taps) != 1)}. {self.about}>"

@@ -1,33 +1,72 @@
-"""All cases of the kit, by name, from simple to complex."""
+"""All cases of the kit, by name, from simple to complex, and the level of each."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 
 from ...models.errors import InputError
 from .answers import Answer
-from .case import Case
+from .case import LEVELS, Case
 from .cases import beliefs, likelihood, limits, moves
+from .dataset.version import KIT_VERSION
 from .exact import Exact
 
 
-@lru_cache(maxsize=1)
-def catalogue() -> dict[str, Case]:
-    """Every case by name."""
-    groups = (likelihood, beliefs, moves, limits)
-    return {case.name: case for group in groups for case in group.cases()}
+@dataclass(frozen=True, eq=False)
+class Kit:
+    """Cases with a version.
 
-
-def select(names: Sequence[str]) -> list[Case]:
-    """The cases of these names, or all where there is none.
-
-    Raises:
-        InputError: There is no such case.
+    Attributes:
+        version: Of the kit.
+        cases: By name.
     """
-    known = catalogue()
-    for name in names:
-        if name not in known:
-            raise InputError(f"--case {name}: there is no such case; `solidtouch conformance list` shows all.")
-    return [known[name] for name in names] if names else list(known.values())
+
+    version: str
+    cases: Mapping[str, Case]
+
+    def select(self, names: Sequence[str] = (), levels: Sequence[str] = ()) -> list[Case]:
+        """The cases of these names and levels, or all where neither is given.
+
+        Raises:
+            InputError: There is no such case or level.
+        """
+        for name in names:
+            if name not in self.cases:
+                raise InputError(f"--case {name}: there is no such case; `solidtouch conformance list` shows all.")
+        for level in levels:
+            if level not in LEVELS:
+                raise InputError(f"--level {level}: it must be one of {', '.join(LEVELS)}.")
+        if not names and not levels:
+            return list(self.cases.values())
+        named = [self.cases[name] for name in names]
+        return named + [case for case in self.cases.values() if case.level in levels and case.name not in names]
+
+
+@lru_cache(maxsize=1)
+def own_kit() -> Kit:
+    """The kit of this version of the package."""
+    return Kit(KIT_VERSION, {case.name: case for case in _cases()})
+
+
+def catalogue() -> Mapping[str, Case]:
+    """Every case by name."""
+    return own_kit().cases
+
+
+def _cases() -> Iterable[Case]:
+    for group in (likelihood, beliefs, moves):
+        for case in group.cases():
+            yield replace(case, level=_level(case))
+    for case in limits.cases():
+        yield replace(case, level="limits")
+
+
+def _level(case: Case) -> str:
+    """What a case asks of a program beyond the equations one by one."""
+    holes = case.probabilities is not None and not case.probabilities.any(axis=(2, 3)).all()
+    if case.border != "uniform" or holes:
+        return "borders"
+    return "episodes" if len(case.equations) == 10 else "core"
 
 
 @cache

@@ -5,11 +5,11 @@ One that would fail a case which the program passes is none.
 """
 
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 from .case import Case
-from .catalogue import catalogue, expected
+from .catalogue import expected
 from .comparison import first_difference
 from .exact import Exact
 from .mistakes import MISTAKES, Mistake, explains
@@ -21,6 +21,7 @@ _CHEAP = 20_000  # steps of a case for which every mistake is tried
 
 def with_causes(
     verdicts: Sequence[Verdict],
+    cases: Mapping[str, Case],
     precision: Precision,
     without: Sequence[str] = (),
     told: Callable[[int], None] = lambda _: None,
@@ -31,11 +32,11 @@ def with_causes(
 
     Args:
         verdicts: Of one program.
+        cases: By name.
         precision: Of its numbers.
         without: Quantities that are not compared.
         told: Called with each verdict.
     """
-    cases = catalogue()
     wrong = sorted((v for v in verdicts if v.quantity), key=lambda v: _steps(cases[v.case], v))
     passed = [cases[v.case] for v in verdicts if v.status == "pass"]
     witnesses = _Witnesses([case for case in passed if _size(case, len(case.taps)) <= _CHEAP], precision, without)

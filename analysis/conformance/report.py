@@ -1,29 +1,20 @@
-"""The conformance kit for Python: `solidtouch.conformance` and its reports."""
+"""Verdicts on an implementation, and what they come to."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from copy import deepcopy
+import json
+from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from ...models.errors import InputError
-from ...models.progress import Progress, no_progress
 from ..page.page import Brief, Page, Table
 from ..page.report import Report
-from ..page.stages import counted
-from .answers import FIT, QUANTITIES
-from .case import Case
-from .catalogue import expected as exact_answers
-from .catalogue import select
-from .causes import with_causes
-from .kit import export_kit
-from .program import split_command
-from .routes import ROUTES
-from .run import Asked, Implementation, check_answers, check_function, check_program, run_route
-from .tolerance import Precision
+from .catalogue import Kit
+from .formats.as_json import Claim, report_object
+from .formats.as_junit import junit
+from .levels import LevelResult, level_results, level_sentence
 from .verdict import Verdict, described, summary
 
 _COLUMNS = ("status", "tap", "quantity", "sentence", "cause")
@@ -36,10 +27,16 @@ class ConformanceReport(Report):
     Attributes:
         title: What was checked.
         found: All results, by the name of the case.
+        kit: The cases, and their version.
+        precision: Of the implementation's numbers.
+        without: Quantities that were not compared.
     """
 
     title: str
     found: Mapping[str, Verdict]
+    kit: Kit
+    precision: str = "double"
+    without: tuple[str, ...] = ()
 
     def _page(self) -> Page:
         rows = [[verdict.case, described(verdict)] for verdict in self._shown(False)]
@@ -55,8 +52,14 @@ class ConformanceReport(Report):
 
     @property
     def sentences(self) -> list[str]:
-        """The likely causes, and the number of cases that pass."""
-        return summary([*self.found.values()])[0]
+        """The likely causes, the number of cases that pass, and the levels that do."""
+        claim = level_sentence(self.kit.version, [*self.levels.values()], self.precision, self.without)
+        return [*summary([*self.found.values()])[0], claim]
+
+    @cached_property
+    def levels(self) -> Mapping[str, LevelResult]:
+        """What was found in each level of which a case was asked; `passes` says whether the level does."""
+        return level_results(self.kit.cases, self.found)
 
     @property
     def results(self) -> xr.Dataset:
@@ -64,6 +67,21 @@ class ConformanceReport(Report):
         columns = {name: [getattr(verdict, name) for verdict in self.found.values()] for name in _COLUMNS}
         columns["tap"] = [np.nan if tap is None else tap for tap in columns["tap"]]
         return xr.Dataset({name: ("case", column) for name, column in columns.items()}, {"case": [*self.found]})
+
+    def as_object(self) -> dict[str, Any]:
+        """All of it as JSON has it, by `report.schema.json` of the kit."""
+        claim = Claim(self.kit.version, self.precision, self.without)
+        verdicts = [*self.found.values()]
+        levels = [*self.levels.values()]
+        return report_object(self.title, claim, levels, verdicts, self.kit.cases, self.sentences, self.passed)
+
+    def as_json(self) -> str:
+        """The text of `as_object`."""
+        return json.dumps(self.as_object(), indent=1) + "\n"
+
+    def as_junit(self) -> str:
+        """The XML of JUnit, a suite for each level and a test for each case."""
+        return junit(self.as_object())
 
     def lines(self, passed: bool = True) -> list[str]:
         """A line for each case and the sentences, as the command prints them.
@@ -73,232 +91,3 @@ class ConformanceReport(Report):
         """
         width = max(map(len, self.found), default=0)
         return [f"{one.case:{width}}  {described(one)}" for one in self._shown(passed)] + self.sentences
-
-
-def cases(*names: str) -> list[Case]:
-    """The cases of these names, or all; they are copies.
-
-    >>> import solidtouch as st
-    >>> st.conformance.cases("root-j")
-    [<Case root-j: 4 taps. The likelihood is the J-th root of the product, as printed.>]
-
-    Raises:
-        InputError: There is no such case.
-    """
-    return deepcopy(select(names))
-
-
-def expected(name: str) -> list[dict[str, Any]]:
-    """The exact answers to a case, as an implementation gives them; large cases have them for some taps only.
-
-    >>> import solidtouch as st
-    >>> [answer["move"] for answer in st.conformance.expected("root-j")]
-    [1, 1, 1, 1]
-
-    Raises:
-        InputError: There is no such case.
-    """
-    (case,) = select([name])
-    answers = (({} if answer.error is None else {"error": answer.error}, answer) for answer in exact_answers(case))
-    return [{"tap": answer.tap, **error, **deepcopy(dict(answer.values))} for error, answer in answers]
-
-
-def run(
-    implementation: Implementation,
-    names: Sequence[str] = (),
-    *,
-    precision: Precision = "double",
-    without: Sequence[str] = (),
-    progress: Progress = no_progress,
-) -> ConformanceReport:
-    """Checks an implementation in Python against the exact answers.
-
-    It is called with a `Case` and returns, or yields, a mapping for each tap, in their order: `log_likelihood`,
-    `log_evidence`, `posterior`, `where`, `what`, `decisions` (`None` or -1 for none) and `move`, as
-    docs/reference/conformance/README.md defines them. A case with `training` has one more before the first tap:
-    `edges` and `counts`. At a tap that is impossible under every class it raises `ZeroEvidenceError`, or gives
-    `{"error": "zero_evidence"}`.
-
-    >>> import solidtouch as st
-    >>> def wrong(case):
-    ...     for answer in st.conformance.expected(case.name):
-    ...         yield answer | {"move": -answer["move"]}
-    >>> report = st.conformance.run(wrong, ["root-j"])
-    >>> report.passed
-    False
-    >>> report.found["root-j"].about
-    'the move has the wrong sign'
-
-    Args:
-        implementation: The function.
-        names: Cases; default all.
-        precision: Precision of its numbers; `"single"` has wider tolerances.
-        without: Quantities that it does not answer, such as `"log_evidence"`.
-        progress: Called with the name and size of every stage; returns the function that advances it.
-
-    Raises:
-        InputError: There is no such case or quantity.
-    """
-    title = f"Conformance of {getattr(implementation, '__name__', type(implementation).__name__)}"
-    asked = _asked(precision, without)
-    return _report(title, names, asked, progress, lambda chosen: check_function(implementation, chosen, asked))
-
-
-def run_program(
-    command: str | Sequence[str],
-    names: Sequence[str] = (),
-    *,
-    precision: Precision = "double",
-    without: Sequence[str] = (),
-    timeout: float = 10.0,
-    together: bool = False,
-    progress: Progress = no_progress,
-) -> ConformanceReport:
-    """Checks a program in any language, which reads cases on standard input and writes answers.
-
-    >>> import solidtouch as st
-    >>> st.conformance.run_program("true", ["root-j"]).found["root-j"]
-    <Verdict root-j: DIFFERS tap 1: there is no answer>
-
-    Args:
-        command: The program and its arguments, as in a shell or one by one.
-        names: As in `run`.
-        precision: As in `run`.
-        without: As in `run`.
-        timeout: Seconds that it has for a case.
-        together: Whether to start it once, with all cases one by one.
-        progress: As in `run`.
-
-    Raises:
-        InputError: There is no such program, case or quantity.
-    """
-    asked = _asked(precision, without, timeout)
-    words = split_command(command) if isinstance(command, str) else list(command)
-    title = f"Conformance of {words[0]}"
-    return _report(title, names, asked, progress, lambda chosen: check_program(words, chosen, asked, together))
-
-
-def run_files(
-    folder: str | Path,
-    names: Sequence[str] = (),
-    *,
-    precision: Precision = "double",
-    without: Sequence[str] = (),
-    progress: Progress = no_progress,
-) -> ConformanceReport:
-    r"""Checks the answers of a program in files, `NAME.jsonl` for each case.
-
-    >>> import json
-    >>> from pathlib import Path
-    >>> from tempfile import TemporaryDirectory
-    >>> import solidtouch as st
-    >>> with TemporaryDirectory() as folder:
-    ...     _ = st.conformance.export(Path(folder, "kit"), ["root-j"])
-    ...     answers = json.loads(Path(folder, "kit", "root-j.json").read_text())["expected"]
-    ...     _ = Path(folder, "root-j.jsonl").write_text("\n".join(map(json.dumps, answers)))
-    ...     st.conformance.run_files(folder, ["root-j"]).passed
-    True
-
-    Args:
-        folder: Where they are.
-        names: As in `run`.
-        precision: As in `run`.
-        without: As in `run`.
-        progress: As in `run`.
-
-    Raises:
-        InputError: There is no such folder, case or quantity.
-    """
-    if not Path(folder).is_dir():
-        raise InputError(f"--answers {folder}: not a folder.")
-    asked = _asked(precision, without)
-    title = f"Conformance of answers in {folder}"
-    return _report(title, names, asked, progress, lambda chosen: check_answers(Path(folder), chosen, asked))
-
-
-def run_engine(engine: str, names: Sequence[str] = (), *, progress: Progress = no_progress) -> ConformanceReport:
-    """Checks an engine of this software.
-
-    >>> import solidtouch as st
-    >>> st.conformance.run_engine("numpy", ["root-j", "ties"]).passed
-    True
-
-    Args:
-        engine: `"numpy"`, `"numpyro"` or `"montecarlo"`.
-        names: As in `run`.
-        progress: As in `run`.
-
-    Raises:
-        InputError: There is no such engine or case.
-    """
-    if engine not in ROUTES:
-        raise InputError(f"--engine {engine}: it must be one of {', '.join(ROUTES)}.")
-    title = f"Conformance of engine {engine}"
-    return _report(title, names, Asked(), progress, lambda chosen: run_route(engine, chosen))
-
-
-def export(
-    folder: str | Path,
-    names: Sequence[str] = (),
-    *,
-    precision: Precision = "double",
-    force: bool = False,
-    progress: Progress = no_progress,
-) -> int:
-    """Writes cases and their exact answers as files, all or none.
-
-    >>> from pathlib import Path
-    >>> from tempfile import TemporaryDirectory
-    >>> import solidtouch as st
-    >>> with TemporaryDirectory() as folder:
-    ...     _ = st.conformance.export(Path(folder, "kit"), ["root-j"])
-    ...     sorted(path.name for path in Path(folder, "kit").iterdir())
-    ['index.json', 'root-j.json', 'root-j.jsonl']
-
-    Args:
-        folder: Where to.
-        names: As in `run`.
-        precision: As in `run`.
-        force: Whether files in an existing folder may be replaced.
-        progress: As in `run`.
-
-    Returns:
-        The number of cases; those impossible in this precision are left out.
-
-    Raises:
-        InputError: There is no such case, or the folder cannot be written.
-    """
-    chosen = select(names)
-    return export_kit(folder, chosen, precision, force, progress("Computing answers", len(chosen)))
-
-
-def _asked(precision: Precision, without: Sequence[str], timeout: float = 10.0) -> Asked:
-    """What is asked of an implementation.
-
-    Raises:
-        InputError: There is no such precision or quantity.
-    """
-    if precision not in ("double", "single"):
-        raise InputError(f"--precision {precision}: it must be one of double, single.")
-    known = [name for name in QUANTITIES if name not in FIT]
-    for name in without:
-        if name not in known:
-            raise InputError(f"--without must be one of {', '.join(known)}, got {name!r}.")
-    return Asked(precision, tuple(without), timeout)
-
-
-def _report(
-    title: str,
-    names: Sequence[str],
-    asked: Asked,
-    progress: Progress,
-    work: Callable[[list[Case]], Iterator[Verdict]],
-) -> ConformanceReport:
-    """The verdicts with their causes, which are likelier the more cases they explain."""
-    chosen = select(names)
-    advance = progress("Cases", len(chosen))
-    verdicts = list(counted(work(chosen), advance))
-    wrong = sum(verdict.quantity != "" for verdict in verdicts)
-    if wrong:
-        verdicts = with_causes(verdicts, asked.precision, asked.without, progress("Looking for causes", wrong))
-    return ConformanceReport(title, {verdict.case: verdict for verdict in verdicts})

@@ -77,7 +77,7 @@ def sweep_again(path: Path) -> None:
 
 def check(path: Path) -> None:
     """Checks the answers of a program."""
-    from solidtouch.analysis.conformance.report import run_files  # noqa: PLC0415
+    from solidtouch.analysis.conformance.front import run_files  # noqa: PLC0415
 
     run_files(path, ["root-j"])
 

@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 from scipy.io import savemat
-from solidtouch.analysis.conformance.catalogue import expected, select
+from solidtouch.analysis.conformance.catalogue import expected, own_kit
 from solidtouch.analysis.sweep.run import sweep
 from solidtouch.analysis.tasks.local import in_this_process
 from solidtouch.hardware.recording.plan import load_plan
@@ -93,7 +93,7 @@ def write_files(folder: Path) -> dict[str, Path]:
         files[name].mkdir()
     for name in ("thin", "thick"):
         shutil.copy(files["csv"], files["csvs"] / f"{name}.csv")
-    answers = [json.dumps(answer.line(CASE)) for answer in expected(*select([CASE]))]
+    answers = [json.dumps(answer.line(CASE)) for answer in expected(*own_kit().select([CASE]))]
     (files["answers"] / f"{CASE}.jsonl").write_text("\n".join(answers), encoding="utf-8")
     return files
 

@@ -5,10 +5,12 @@ import os
 import shlex
 import sys
 import time
+from xml.etree import ElementTree as ET
 
 import pytest
 from foreign_programs import FOLDER, node
 from solidtouch.analysis.conformance.catalogue import catalogue
+from solidtouch.analysis.conformance.dataset.version import KIT_VERSION
 from solidtouch.cli.main import app
 from typer.testing import CliRunner
 
@@ -24,7 +26,8 @@ def test_the_list_tells_every_case_and_what_it_tests():
     code, text, _ = call("list")
 
     assert code == 0
-    assert text.endswith(f"{len(catalogue())} cases.")
+    assert text.endswith(f"{len(catalogue())} cases of kit {KIT_VERSION}.")
+    assert "core: 60 cases; each of the equations" in text
     assert "ten-thousand-taps" in text
 
 
@@ -32,7 +35,9 @@ def test_engines_run_on_chosen_cases():
     code, text, _ = call("run", "--engine", "numpy", "--case", "root-j", "--case", "ties", "--verbose")
 
     assert code == 0
-    assert text == "Engine numpy root-j pass ties pass 2 of 2 cases pass."
+    assert text == "Engine numpy root-j pass ties pass 2 of 2 cases pass. " + (
+        f"Conformance kit {KIT_VERSION}: core: 58 of 60 not asked."
+    )
 
 
 def test_an_engine_that_cannot_do_a_case_leaves_it_out():
@@ -40,7 +45,7 @@ def test_an_engine_that_cannot_do_a_case_leaves_it_out():
 
     assert code == 0
     assert "shift-prior left out: The NumPyro models do not support border 'prior', which renormalises" in text
-    assert text.endswith("1 of 1 cases pass, 1 left out.")
+    assert "1 of 1 cases pass, 1 left out. Conformance kit" in text
 
 
 def test_exported_cases_can_be_answered_from_files(tmp_path):
@@ -108,6 +113,20 @@ def test_functions_print_and_write_what_the_command_does(command, tmp_path):
     assert done.out.splitlines() == ["Engine numpy", *st.conformance.run_engine("numpy", names).lines()]
 
 
+def test_a_report_replaces_the_text_or_is_a_file(tmp_path):
+    """A file is replaced, as at each run of a CI job."""
+    words = ("check", "--command", "true", "--case", "root-j")
+    code, _, done = call(*words, "--report", "json")
+    assert (code, json.loads(done.stdout)["cases"][0]["status"]) == (1, "differs")
+
+    for _ in range(2):
+        code, text, _ = call(*words, "--report", "junit", "--report-file", tmp_path / "report.xml")
+        assert (code, "root-j DIFFERS tap 1: there is no answer" in text) == (1, True)
+    (test,) = ET.parse(tmp_path / "report.xml").iter("testcase")  # noqa: S314 - it was written here
+    assert test.find("failure").get("message") == "tap 1: there is no answer"
+    assert [path.name for path in tmp_path.iterdir()] == ["report.xml"]
+
+
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
@@ -120,6 +139,9 @@ def test_functions_print_and_write_what_the_command_does(command, tmp_path):
         (("check", "--command", "x", "--without", "belief"), "--without must be one of log_likelihood,"),
         (("check", "--command", "x", "--case", "y"), "--case y: there is no such case"),
         (("run", "--case", "y"), "--case y: there is no such case"),
+        (("list", "--level", "y"), "--level y: it must be one of core, episodes, borders, limits."),
+        (("check", "--command", "true", "--report-file", "x"), "--report-file needs --report json or --report junit."),
+        (("check", "--command", "true", "--report", "json", "--report-file", "/no/such"), "no folder /no."),
     ],
 )
 def test_wrong_options_are_told_in_a_sentence(words, sentence):

@@ -4,9 +4,9 @@ import json
 
 import numpy as np
 import pytest
-from solidtouch.analysis.conformance import kit
 from solidtouch.analysis.conformance.catalogue import catalogue, expected
-from solidtouch.analysis.conformance.kit import export_kit
+from solidtouch.analysis.conformance.dataset import export
+from solidtouch.analysis.conformance.dataset.export import export_kit
 from solidtouch.analysis.conformance.run import Asked, check_answers
 from solidtouch.models.errors import InputError
 
@@ -83,7 +83,7 @@ def test_an_index_lists_the_cases_that_the_precision_can_do(tmp_path):
 
 def test_arrays_hold_the_case_and_its_right_answers(tmp_path, monkeypatch):
     """Every answer of every tap, as in the JSON, where any case counts as large."""
-    monkeypatch.setattr(kit, "_LARGE", 0)
+    monkeypatch.setattr(export, "_LARGE", 0)
     case = catalogue()["root-j"]
     export_kit(tmp_path / "kit", [case])
     right = [answer for answer in expected(case) if "posterior" in answer.values]

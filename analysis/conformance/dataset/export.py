@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from ...models.storage import complete_folder
-from .answers import Answer
-from .case import FORMAT, Case, to_line
-from .catalogue import expected
-from .tolerance import Precision, allowed_decisions, allowed_moves, needs_double, tolerances
+from ....models.storage import complete_folder
+from ..answers import Answer
+from ..case import FORMAT, Case, to_line
+from ..catalogue import expected
+from ..tolerance import Precision, allowed_decisions, allowed_moves, needs_double, tolerances
 
 _CONVENTIONS = {"format": FORMAT, "index_base": 0, "numbers": "IEEE 754 binary64", "logarithms": "natural"}
 _LARGE = 200_000  # bytes of a case above which it comes as NPZ too

@@ -1,0 +1,270 @@
+"""The conformance kit for Python: the functions of `solidtouch.conformance`."""
+
+from collections.abc import Callable, Iterator, Sequence
+from copy import deepcopy
+from pathlib import Path
+from typing import Any
+
+from ...models.errors import InputError
+from ...models.progress import Progress, no_progress
+from ..page.stages import counted
+from .answers import FIT, QUANTITIES
+from .case import Case
+from .catalogue import expected as exact_answers
+from .catalogue import own_kit
+from .causes import with_causes
+from .dataset.export import export_kit
+from .program import split_command
+from .report import ConformanceReport
+from .routes import ROUTES
+from .run import Asked, Implementation, check_answers, check_function, check_program, run_route
+from .tolerance import Precision
+from .verdict import Verdict
+
+
+def cases(*names: str, levels: Sequence[str] = ()) -> list[Case]:
+    """The cases of these names and levels, or all; they are copies.
+
+    >>> import solidtouch as st
+    >>> st.conformance.cases("root-j")
+    [<Case root-j: 4 taps. The likelihood is the J-th root of the product, as printed.>]
+
+    Raises:
+        InputError: There is no such case.
+    """
+    return deepcopy(own_kit().select(names, levels))
+
+
+def expected(name: str) -> list[dict[str, Any]]:
+    """The exact answers to a case, as an implementation gives them; large cases have them for some taps only.
+
+    >>> import solidtouch as st
+    >>> [answer["move"] for answer in st.conformance.expected("root-j")]
+    [1, 1, 1, 1]
+
+    Raises:
+        InputError: There is no such case.
+    """
+    (case,) = own_kit().select([name])
+    answers = (({} if answer.error is None else {"error": answer.error}, answer) for answer in exact_answers(case))
+    return [{"tap": answer.tap, **error, **deepcopy(dict(answer.values))} for error, answer in answers]
+
+
+def run(
+    implementation: Implementation,
+    names: Sequence[str] = (),
+    *,
+    levels: Sequence[str] = (),
+    precision: Precision = "double",
+    without: Sequence[str] = (),
+    progress: Progress = no_progress,
+) -> ConformanceReport:
+    """Checks an implementation in Python against the exact answers.
+
+    It is called with a `Case` and returns, or yields, a mapping for each tap, in their order: `log_likelihood`,
+    `log_evidence`, `posterior`, `where`, `what`, `decisions` (`None` or -1 for none) and `move`, as
+    docs/reference/conformance/README.md defines them. A case with `training` has one more before the first tap:
+    `edges` and `counts`. At a tap that is impossible under every class it raises `ZeroEvidenceError`, or gives
+    `{"error": "zero_evidence"}`.
+
+    >>> import solidtouch as st
+    >>> def wrong(case):
+    ...     for answer in st.conformance.expected(case.name):
+    ...         yield answer | {"move": -answer["move"]}
+    >>> report = st.conformance.run(wrong, ["root-j"])
+    >>> report.passed
+    False
+    >>> report.found["root-j"].about
+    'the move has the wrong sign'
+
+    Args:
+        implementation: The function.
+        names: Cases; default all.
+        levels: Levels whose cases are checked, with those of `names`; default all.
+        precision: Precision of its numbers; `"single"` has wider tolerances.
+        without: Quantities that it does not answer, such as `"log_evidence"`.
+        progress: Called with the name and size of every stage; returns the function that advances it.
+
+    Raises:
+        InputError: There is no such case, level or quantity.
+    """
+    title = f"Conformance of {getattr(implementation, '__name__', type(implementation).__name__)}"
+    asked = _asked(precision, without)
+    return _report(
+        title, (names, levels), asked, progress, lambda chosen: check_function(implementation, chosen, asked)
+    )
+
+
+def run_program(
+    command: str | Sequence[str],
+    names: Sequence[str] = (),
+    *,
+    levels: Sequence[str] = (),
+    precision: Precision = "double",
+    without: Sequence[str] = (),
+    timeout: float = 10.0,
+    together: bool = False,
+    progress: Progress = no_progress,
+) -> ConformanceReport:
+    """Checks a program in any language, which reads cases on standard input and writes answers.
+
+    >>> import solidtouch as st
+    >>> st.conformance.run_program("true", ["root-j"]).found["root-j"]
+    <Verdict root-j: DIFFERS tap 1: there is no answer>
+
+    Args:
+        command: The program and its arguments, as in a shell or one by one.
+        names: As in `run`.
+        levels: As in `run`.
+        precision: As in `run`.
+        without: As in `run`.
+        timeout: Seconds that it has for a case.
+        together: Whether to start it once, with all cases one by one.
+        progress: As in `run`.
+
+    Raises:
+        InputError: There is no such program, case, level or quantity.
+    """
+    asked = _asked(precision, without, timeout)
+    words = split_command(command) if isinstance(command, str) else list(command)
+    title = f"Conformance of {words[0]}"
+    return _report(
+        title, (names, levels), asked, progress, lambda chosen: check_program(words, chosen, asked, together)
+    )
+
+
+def run_files(
+    folder: str | Path,
+    names: Sequence[str] = (),
+    *,
+    levels: Sequence[str] = (),
+    precision: Precision = "double",
+    without: Sequence[str] = (),
+    progress: Progress = no_progress,
+) -> ConformanceReport:
+    r"""Checks the answers of a program in files, `NAME.jsonl` for each case.
+
+    >>> import json
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> import solidtouch as st
+    >>> with TemporaryDirectory() as folder:
+    ...     _ = st.conformance.export(Path(folder, "kit"), ["root-j"])
+    ...     answers = json.loads(Path(folder, "kit", "root-j.json").read_text())["expected"]
+    ...     _ = Path(folder, "root-j.jsonl").write_text("\n".join(map(json.dumps, answers)))
+    ...     st.conformance.run_files(folder, ["root-j"]).passed
+    True
+
+    Args:
+        folder: Where they are.
+        names: As in `run`.
+        levels: As in `run`.
+        precision: As in `run`.
+        without: As in `run`.
+        progress: As in `run`.
+
+    Raises:
+        InputError: There is no such folder, case, level or quantity.
+    """
+    if not Path(folder).is_dir():
+        raise InputError(f"--answers {folder}: not a folder.")
+    asked = _asked(precision, without)
+    title = f"Conformance of answers in {folder}"
+    return _report(title, (names, levels), asked, progress, lambda chosen: check_answers(Path(folder), chosen, asked))
+
+
+def run_engine(
+    engine: str, names: Sequence[str] = (), *, levels: Sequence[str] = (), progress: Progress = no_progress
+) -> ConformanceReport:
+    """Checks an engine of this software.
+
+    >>> import solidtouch as st
+    >>> st.conformance.run_engine("numpy", ["root-j", "ties"]).passed
+    True
+
+    Args:
+        engine: `"numpy"`, `"numpyro"` or `"montecarlo"`.
+        names: As in `run`.
+        levels: As in `run`.
+        progress: As in `run`.
+
+    Raises:
+        InputError: There is no such engine, case or level.
+    """
+    if engine not in ROUTES:
+        raise InputError(f"--engine {engine}: it must be one of {', '.join(ROUTES)}.")
+    title = f"Conformance of engine {engine}"
+    return _report(title, (names, levels), Asked(), progress, lambda chosen: run_route(engine, chosen))
+
+
+def export(
+    folder: str | Path,
+    names: Sequence[str] = (),
+    *,
+    levels: Sequence[str] = (),
+    precision: Precision = "double",
+    force: bool = False,
+    progress: Progress = no_progress,
+) -> int:
+    """Writes cases and their exact answers as files, all or none.
+
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> import solidtouch as st
+    >>> with TemporaryDirectory() as folder:
+    ...     _ = st.conformance.export(Path(folder, "kit"), ["root-j"])
+    ...     sorted(path.name for path in Path(folder, "kit").iterdir())
+    ['index.json', 'root-j.json', 'root-j.jsonl']
+
+    Args:
+        folder: Where to.
+        names: As in `run`.
+        levels: As in `run`.
+        precision: As in `run`.
+        force: Whether files in an existing folder may be replaced.
+        progress: As in `run`.
+
+    Returns:
+        The number of cases; those impossible in this precision are left out.
+
+    Raises:
+        InputError: There is no such case or level, or the folder cannot be written.
+    """
+    chosen = own_kit().select(names, levels)
+    return export_kit(folder, chosen, precision, force, progress("Computing answers", len(chosen)))
+
+
+def _asked(precision: Precision, without: Sequence[str], timeout: float = 10.0) -> Asked:
+    """What is asked of an implementation.
+
+    Raises:
+        InputError: There is no such precision or quantity.
+    """
+    if precision not in ("double", "single"):
+        raise InputError(f"--precision {precision}: it must be one of double, single.")
+    known = [name for name in QUANTITIES if name not in FIT]
+    for name in without:
+        if name not in known:
+            raise InputError(f"--without must be one of {', '.join(known)}, got {name!r}.")
+    return Asked(precision, tuple(without), timeout)
+
+
+def _report(
+    title: str,
+    wanted: tuple[Sequence[str], Sequence[str]],
+    asked: Asked,
+    progress: Progress,
+    work: Callable[[list[Case]], Iterator[Verdict]],
+) -> ConformanceReport:
+    """The verdicts with their causes, which are likelier the more cases they explain."""
+    kit = own_kit()
+    chosen = kit.select(*wanted)
+    advance = progress("Cases", len(chosen))
+    verdicts = list(counted(work(chosen), advance))
+    wrong = sum(verdict.quantity != "" for verdict in verdicts)
+    if wrong:
+        verdicts = with_causes(
+            verdicts, kit.cases, asked.precision, asked.without, progress("Looking for causes", wrong)
+        )
+    found = {verdict.case: verdict for verdict in verdicts}
+    return ConformanceReport(title, found, kit, asked.precision, asked.without)

@@ -1,0 +1,153 @@
+"""Levels of the kit, what a program may claim, and reports for other programs."""
+
+import json
+from dataclasses import replace
+from xml.etree import ElementTree as ET
+
+import pytest
+from solidtouch.analysis.conformance.case import LEVELS
+from solidtouch.analysis.conformance.catalogue import catalogue, own_kit
+from solidtouch.analysis.conformance.report import ConformanceReport
+from solidtouch.analysis.conformance.verdict import Verdict
+
+import solidtouch as st
+
+
+def report(wrong=(), names=None, **how):
+    """A report on a program that gives these verdicts, and passes all else."""
+    names = catalogue() if names is None else names
+    found = {name: Verdict(name, "pass") for name in names} | {verdict.case: verdict for verdict in wrong}
+    return ConformanceReport("Conformance of it", found, own_kit(), **how)
+
+
+def claim(*args, **how):
+    return report(*args, **how).sentences[-1]
+
+
+def test_every_case_belongs_to_a_level():
+    """Core has border uniform and every class trained, episodes every equation, borders all else of Eq. 9."""
+    of_level = {level: [case for case in catalogue().values() if case.level == level] for level in LEVELS}
+
+    assert sum(map(len, of_level.values())) == len(catalogue())
+    assert all(of_level.values())
+    assert {case.border for case in of_level["core"] + of_level["episodes"]} == {"uniform"}
+    assert {case.border for case in of_level["borders"]} == {"uniform", "uniform_what", "prior", "clamp", "circular"}
+    assert {case.equations for case in of_level["episodes"]} == {tuple(range(1, 11))}
+    assert set().union(*(case.equations for case in of_level["core"])) == set(range(1, 11))
+    assert "ten-thousand-taps" in {case.name for case in of_level["limits"]}
+    assert {case.name for case in of_level["borders"] if case.border == "uniform"} == {
+        "shift-uniform-holes",
+        "episode-uniform-holes",
+    }
+
+
+def test_cases_are_chosen_by_level_and_by_name():
+    assert [case.level for case in st.conformance.cases(levels=["limits"])] == ["limits"] * 10
+    assert [case.name for case in st.conformance.cases("root-j", "ties")] == ["root-j", "ties"]
+    chosen = [case.name for case in st.conformance.cases("episode-long", "root-j", levels=["episodes"])]
+
+    assert chosen[:2] == ["episode-long", "root-j"]
+    assert len(chosen) == len(set(chosen)) == 8
+
+
+def test_a_program_claims_the_levels_that_it_passes():
+    assert claim() == "Conformance kit 1.0.0: passes core, episodes, borders, limits."
+
+    wrong = [Verdict("episode-long", "differs"), Verdict("episode-passive", "failed", "it crashed")]
+    assert claim(wrong) == (
+        "Conformance kit 1.0.0: passes core, borders, limits; episodes: 1 of 7 differ, 1 of 7 failed."
+    )
+
+
+def test_a_level_of_which_a_case_was_not_asked_is_not_claimed():
+    assert claim(names=["root-j", "ties"]) == "Conformance kit 1.0.0: core: 58 of 60 not asked."
+    assert claim([Verdict("ties", "differs")], names=["root-j"]).endswith("core: 1 of 2 differ, 58 of 60 not asked.")
+
+
+def test_a_claim_names_its_conditions():
+    left = [Verdict("ten-thousand-taps", "left out", "32 bits cannot do it")]
+    assert claim(left, precision="single", without=("log_evidence",)) == (
+        "Conformance kit 1.0.0, single precision, no log_evidence: passes core, episodes, borders, limits (1 left out)."
+    )
+    assert claim(left, names=[]) == "Conformance kit 1.0.0: limits: 9 of 10 not asked."
+
+
+def test_results_of_levels_are_numbers():
+    found = report([Verdict("episode-long", "differs")]).levels
+
+    assert [*found] == [*LEVELS]
+    assert found["episodes"]._asdict() == {
+        "level": "episodes",
+        "cases": 7,
+        "passed": 6,
+        "differs": 1,
+        "failed": 0,
+        "left_out": 0,
+        "not_asked": 0,
+    }
+    assert [result.passes for result in found.values()] == [True, False, True, True]
+
+
+WRONG = [
+    Verdict("ties", "differs", "its move is +1 \x1b[31m\ud800\x00 <instead> & of +0", 2, "move", "move-sign"),
+    Verdict("root-jk", "failed", "it ended with exit code 1"),
+    Verdict("single-edges", "left out", "32 bits cannot do it"),
+    Verdict("root-none", "pass", "it left a process running, which was stopped"),
+]
+
+
+def test_a_report_is_json():
+    text = report(WRONG).as_json()
+    found = json.loads(text)
+    ties = next(case for case in found["cases"] if case["case"] == "ties")
+
+    assert text.isascii()
+    assert (found["kit"], found["passed"], len(found["cases"])) == ("1.0.0", False, len(catalogue()))
+    assert ties == {
+        "case": "ties",
+        "level": "core",
+        "status": "differs",
+        "tap": 2,
+        "quantity": "move",
+        "sentence": WRONG[0].sentence,
+        "cause": "move-sign",
+        "about_cause": "the move has the wrong sign",
+    }
+    assert found["sentences"] == report(WRONG).sentences
+    assert [level["passes"] for level in found["levels"]] == [False, True, True, True]
+
+
+def test_a_report_is_junit():
+    """One suite for each level, counts that add up, and texts without what XML cannot hold."""
+    root = ET.fromstring(report(WRONG).as_junit().encode())  # noqa: S314 - it was written here
+    tests = {test.get("name"): test for test in root.iter("testcase")}
+    text = "tap 2: its move is +1 ?[31m?? <instead> & of +0"
+
+    assert [suite.get("name") for suite in root] == [*LEVELS]
+    assert [root.get(name) for name in ("tests", "failures", "errors", "skipped")] == ["116", "1", "1", "1"]
+    for name in ("tests", "failures", "errors", "skipped"):
+        assert int(root.get(name)) == sum(int(suite.get(name)) for suite in root)
+    assert [*tests] == [case for level in LEVELS for case in catalogue() if catalogue()[case].level == level]
+    assert tests["ties"].find("failure").get("message") == text
+    assert tests["ties"].find("failure").text == f"{text}\nlikely cause: the move has the wrong sign"
+    assert tests["root-jk"].find("error").text == "it ended with exit code 1"
+    assert tests["single-edges"].find("skipped").get("message") == "32 bits cannot do it"
+    assert tests["root-none"].find("system-out").text == "it left a process running, which was stopped"
+    assert len(tests["root-j"]) == 0
+    assert {e.get("value") for e in root.iter("property") if e.get("name") == "kit"} == {"1.0.0"}
+
+
+def test_the_words_of_a_program_do_not_end_in_xml_or_json():
+    """Whatever they are; what was checked is named by its words, too."""
+    odd = replace(report(WRONG), title="Conformance of \x07\"&<'\udfff")
+
+    assert ET.fromstring(odd.as_junit().encode()).get("name") == "Conformance of ?\"&<'?"  # noqa: S314
+    assert json.loads(odd.as_json())["title"] == odd.title
+
+
+@pytest.mark.parametrize("name", ["root-j", "ties"])
+def test_a_report_of_a_check_holds_its_levels(name):
+    found = st.conformance.run(lambda case: st.conformance.expected(case.name), [name])
+
+    assert found.passed
+    assert found.levels["core"].not_asked == found.levels["core"].cases - 1
