@@ -15,6 +15,7 @@ from ..rig.settings import (
     LineSettings,
     RangeSettings,
     RigFile,
+    SensorSettings,
     StageSettings,
     TapSettings,
 )
@@ -108,7 +109,7 @@ def toml(rig: RigFile) -> str:
     return "\n".join(_lines("", msgspec.to_builtins(rig)))
 
 
-def _sensor(port: str, settings: RigSettings, kind: SensorKind) -> IcubSettings | LineSettings:
+def _sensor(port: str, settings: RigSettings, kind: SensorKind) -> SensorSettings:
     K = len(settings.taxels)
     positions = taxel_positions_mm(settings.taxels).round(3).tolist()
     noise = math.hypot(settings.white_counts, settings.taxel_noise_counts, settings.common_noise_counts)

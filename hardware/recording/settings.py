@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 
 from ...models.io.rig_recording import About
-from ..rig.settings import IcubSettings, RigFile
+from ..rig.settings import RigFile
 from .plan import Plan
 
 _ELSEWHERE = ("settings.sensor.port", "settings.stage.port", "settings.emulator")
@@ -25,7 +25,7 @@ def about_rig(rig: RigFile, text: str = "", plan: Plan | None = None) -> About:
     """
     limits = rig.range
     edges = limits.start_mm + limits.cell_mm * np.arange(limits.where_classes + 1)
-    kind = "iCub fingertip" if isinstance(rig.sensor, IcubSettings) else "line sensor"
+    kind = rig.sensor.device
     objects = [] if plan is None else plan.objects
     used = range(len(rig.sensor.positions_mm)) if rig.tap.taxels is None else rig.tap.taxels
     positions = [rig.sensor.positions_mm[k] for k in used] if rig.sensor.positions_mm else []

@@ -7,7 +7,7 @@ a tap, rising towards the object. Each axis defines its mapping to machine coord
 import math
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal, NamedTuple
 
 import msgspec
 from msgspec import Meta, Struct
@@ -105,6 +105,20 @@ class _SensorTable(_RigTable, frozen=True, kw_only=True):
         return None if self.stale_ms is None else self.stale_ms / 1000
 
 
+class Rest(NamedTuple):
+    """Raw readings of an untouched taxel.
+
+    Attributes:
+        rising: Whether they rise under load.
+        low: Lowest mean.
+        high: Highest mean.
+    """
+
+    rising: bool
+    low: float = -math.inf
+    high: float = math.inf
+
+
 class IcubSettings(_SensorTable, frozen=True, kw_only=True, tag_field="kind", tag="icub"):
     """A triangle of 12 taxels of the iCub's skin behind an SLCAN adapter.
 
@@ -136,10 +150,18 @@ class IcubSettings(_SensorTable, frozen=True, kw_only=True, tag_field="kind", ta
     order: list[Annotated[int, Meta(ge=0, le=11)]] = msgspec.field(default_factory=lambda: list(range(12)))
     positions_mm: list[list[Length]] = []
 
+    device: ClassVar[str] = "iCub fingertip"
+    sent: ClassVar[int] = 12
+
     @property
     def taxels(self) -> int:
         """`K`."""
         return len(self.order)
+
+    @property
+    def rest(self) -> "Rest":
+        """Readings of an untouched taxel."""
+        return Rest(rising=False, low=self.no_load - self.no_load_band)
 
     @property
     def rate_hz(self) -> float:
@@ -175,6 +197,22 @@ class LineSettings(_SensorTable, frozen=True, kw_only=True, tag_field="kind", ta
     stuck_readings: Annotated[int, Meta(ge=0, le=1_000_000)] = 0
     order: list[Annotated[int, Meta(ge=0, le=9999)]] = []
     positions_mm: list[list[Length]] = []
+
+    device: ClassVar[str] = "line sensor"
+
+    @property
+    def sent(self) -> int:
+        """Number of values of a reading."""
+        return self.taxels
+
+    @property
+    def rest(self) -> "Rest":
+        """Readings of an untouched taxel."""
+        return Rest(self.rising, self.idle_low, self.idle_high)
+
+
+type SensorSettings = IcubSettings | LineSettings
+"""Settings of a sensor, one table for each kind."""
 
 
 class RangeSettings(_RigTable, frozen=True):
@@ -251,7 +289,7 @@ class RigFile(_RigTable, frozen=True):
     """
 
     name: str
-    sensor: IcubSettings | LineSettings
+    sensor: SensorSettings
     stage: StageSettings
     tap: TapSettings
     range: RangeSettings = RangeSettings()
@@ -346,14 +384,13 @@ def _check_taxels(rig: RigFile) -> None:
         raise InputError(f"tap.taxels: the sensor has {K} taxels, counted from 0, got {rig.tap.taxels[-1]}.")
 
 
-def _check_sensor(sensor: IcubSettings | LineSettings) -> None:
+def _check_sensor(sensor: SensorSettings) -> None:
     if sensor.stale_ms is not None and sensor.stale_ms < _LEAST_STALE * 1000 / sensor.rate_hz:
         least = _LEAST_STALE * 1000 / sensor.rate_hz
         raise InputError(f"sensor.stale_ms: must be at least {least:g}, two periods, got {sensor.stale_ms:g}.")
     _check_overload(sensor)
-    sent = 12 if isinstance(sensor, IcubSettings) else sensor.taxels
-    order = sorted(sensor.order)
-    if isinstance(sensor, IcubSettings) and not order:
+    sent, order = sensor.sent, sorted(sensor.order)
+    if not sensor.taxels:
         raise InputError("sensor.order: a tap needs at least one taxel.")
     if any(a == b for a, b in pairwise(order)) or (order and order[-1] >= sent):
         raise InputError(f"sensor.order: must list distinct taxels out of 0 to {sent - 1}.")
@@ -363,19 +400,16 @@ def _check_sensor(sensor: IcubSettings | LineSettings) -> None:
         raise InputError(f"sensor.positions_mm: must give two or three numbers for each of the {K} taxels.")
 
 
-def _check_overload(sensor: IcubSettings | LineSettings) -> None:
+def _check_overload(sensor: SensorSettings) -> None:
     """Checks that no reading at rest is an overload."""
-    if isinstance(sensor, IcubSettings):
-        falls, low, high = True, sensor.no_load - sensor.no_load_band, math.inf
-    else:
-        falls, low, high = not sensor.rising, sensor.idle_low, sensor.idle_high
+    rising, low, high = sensor.rest
     if sensor.overload is None:
         return
-    if falls and low > -math.inf and sensor.overload >= low:
+    if not rising and low > -math.inf and sensor.overload >= low:
         raise InputError(
             f"sensor.overload: must be below {low:g}, the lowest reading at rest, got {sensor.overload:g}."
         )
-    if not falls and high < math.inf and sensor.overload <= high:
+    if rising and high < math.inf and sensor.overload <= high:
         raise InputError(
             f"sensor.overload: must be above {high:g}, the highest reading at rest, got {sensor.overload:g}."
         )

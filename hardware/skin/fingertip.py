@@ -11,7 +11,7 @@ from ..errors import NoAnswer, RigError, SensorFault, WrongDevice
 from ..journal import Journal
 from ..link.loop import Loop
 from ..link.port import Port
-from ..rig.settings import IcubSettings, LineSettings
+from ..rig.settings import IcubSettings, SensorSettings
 from .can_adapter import CanAdapter
 from .icub import (
     BoardVersion,
@@ -194,7 +194,7 @@ class Fingertip:
         return np.ones(len(raw), bool)
 
 
-def make_skin(settings: IcubSettings | LineSettings, loop: Loop, journal: Journal) -> Skin:
+def make_skin(settings: SensorSettings, loop: Loop, journal: Journal) -> Skin:
     """Driver of a sensor."""
     if isinstance(settings, IcubSettings):
         return Fingertip(settings, loop, journal)
