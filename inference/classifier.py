@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..models.errors import InputError
+from ..models.extras import missing
 from ..models.measurement.generic.source import undone_on_error
 from ..models.measurement.histogram import HistogramModel
 from ..models.measurement.model import TapModel
@@ -25,7 +26,7 @@ class _Absent:
     """Base class without scikit-learn: the classifier can be imported and inspected, but not created."""
 
     def __new__(cls, *_: Any, **__: Any) -> Self:
-        raise ImportError("TapClassifier requires scikit-learn: pip install 'solidtouch[sklearn]'.")
+        raise ImportError(missing("sklearn"))
 
 
 try:

@@ -53,7 +53,7 @@ def test_names_of_models_load_no_numpy_and_models_no_jax(seen):
 
 
 def test_without_scikit_learn_only_its_use_is_refused(seen):
-    assert seen["refused"] == "TapClassifier requires scikit-learn: pip install 'solidtouch[sklearn]'."
+    assert seen["refused"] == "TapClassifier needs scikit-learn: pip install 'solidtouch[sklearn]'."
 
 
 def test_figures_do_not_import_matplotlib(seen):

@@ -12,6 +12,7 @@ from ...hardware.named_rigs import Truth
 from ...inference.episode import Episode, EpisodeSetup, Step
 from ...inference.novelty import Novelty, UnknownTest, can_tell
 from ...models.errors import InputError
+from ...models.extras import extra
 from .ending import ending_of
 from .feed import open_page, serve_saved
 from .fragment import fragment
@@ -77,10 +78,8 @@ def view(episode: Episode | Sequence[Episode] | Episodes | str | Path, *, browse
     """
     episodes = _recorded(episode)
     if browser and _in_notebook():
-        try:
+        with extra("anywidget"):
             from .widget import widget  # noqa: PLC0415 - optional
-        except ImportError as error:
-            raise InputError("st.view in a notebook requires anywidget: pip install 'solidtouch[notebook]'.") from error
         return widget(episodes)
     server = serve_saved(episodes, port)
     shown = EpisodeView(episodes, server)

@@ -7,6 +7,7 @@ from functools import partial
 from typing import Any, NamedTuple, Protocol
 
 from ...models.errors import InputError
+from ...models.extras import extra
 from ...models.threads import cores, in_order
 from .task import Runner
 
@@ -62,10 +63,8 @@ def cluster(scheduler: str, workers: int | None, patience_s: float, note: Callab
     """
     if workers is not None:
         raise InputError("--workers cannot be combined with --scheduler; the cluster has its own workers.")
-    try:
+    with extra("distributed"):
         from .dask import on_cluster  # noqa: PLC0415 - Dask takes long to import
-    except ImportError as error:
-        raise InputError("--scheduler requires the package distributed: pip install distributed.") from error
     return on_cluster(scheduler, patience_s, note)
 
 

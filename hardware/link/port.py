@@ -12,17 +12,20 @@ import termios
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-import serial
-
+from ...models.extras import extra
 from ..errors import PortBusy, PortError, PortLost, WriteTimeout
+
+if TYPE_CHECKING:
+    import serial
 
 WRITE_TIMEOUT_S = 1.0
 """Write timeout in seconds. Commands are shorter than 100 bytes, which take 9 ms at 115200 baud."""
 
-_LOST = (serial.SerialException, OSError, termios.error, TypeError)
-"""Exceptions of pySerial and the system when a device disappears; a read in progress may even meet a None file."""
+_LOST = (OSError, termios.error, TypeError)
+"""Exceptions of the system when a device disappears, from which pySerial derives its own; a read in progress may even
+meet a None file."""
 _MOST_BYTES = 65536
 
 
@@ -60,6 +63,8 @@ class Port:
         """
         if self._serial is not None:
             return
+        with extra("serial"):
+            import serial  # noqa: PLC0415 - an extra, which replays do not need
         try:
             self._serial = serial.serial_for_url(
                 self.address, baudrate=self._baud, timeout=0, write_timeout=WRITE_TIMEOUT_S, exclusive=True
@@ -112,16 +117,17 @@ class Port:
             return None
 
     @contextmanager
-    def _losing(self, doing: str) -> Iterator[serial.Serial]:
+    def _losing(self, doing: str) -> "Iterator[serial.Serial]":
         if self._serial is None:
             raise PortLost(f"{self.address}: the port is closed.")
         try:
             yield self._serial
-        except serial.SerialTimeoutException as error:
-            raise WriteTimeout(
-                f"{self.address}: the device took no bytes for {WRITE_TIMEOUT_S:g} s; part of them may have arrived."
-            ) from error
         except _LOST as error:
+            from serial import SerialTimeoutException  # noqa: PLC0415 - as in `open`
+
+            if isinstance(error, SerialTimeoutException):
+                said = f"the device took no bytes for {WRITE_TIMEOUT_S:g} s; part of them may have arrived"
+                raise WriteTimeout(f"{self.address}: {said}.") from error
             self.close()
             reader = " or is read by a second program" if "no data" in str(error) else ""
             raise PortLost(f"{self.address}: lost the port while {doing}; it was unplugged{reader}.") from error

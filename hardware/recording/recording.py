@@ -19,10 +19,10 @@ from typing import IO, Any, Self
 
 import msgspec
 import numpy as np
-from mcap.writer import CompressionType, Writer
 from msgspec import UNSET, Struct
 
 from ...models.errors import InputError
+from ...models.extras import extra
 from ...models.io.rig_reader import Entry, RecordingReader
 from ...models.io.rig_recording import (
     TOPICS,
@@ -40,6 +40,9 @@ from ...models.storage import check_writable
 from ..rig.deferred_signals import signals_deferred
 from ..rig.settings import RigFile
 from ..skin.skin import SkinFrame
+
+with extra("mcap"):
+    from mcap.writer import CompressionType, Writer
 
 
 def _plain(value: Any) -> Any:

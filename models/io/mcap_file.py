@@ -8,13 +8,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import IO
 
-from mcap.records import Chunk, Footer, McapRecord
-from mcap.stream_reader import StreamReader, breakup_chunk
-from mcap.writer import MCAP0_MAGIC
-
 from ..errors import InputError
+from ..extras import extra
 from .recording import naming
 from .untrusted import check_size
+
+with extra("mcap"):
+    from mcap.records import Chunk, Footer, McapRecord
+    from mcap.stream_reader import StreamReader, breakup_chunk
+    from mcap.writer import MCAP0_MAGIC
 
 
 class McapFile:

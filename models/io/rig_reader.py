@@ -9,11 +9,14 @@ from pathlib import Path
 from typing import NamedTuple
 
 import msgspec
-from mcap.records import Channel, Message
 from msgspec import Struct
 
+from ..extras import extra
 from .mcap_file import McapFile
 from .rig_recording import TOPICS, Tap
+
+with extra("mcap"):
+    from mcap.records import Channel, Message
 
 _DECODERS = {topic: msgspec.json.Decoder(kind) for topic, kind in TOPICS.items()}
 

@@ -118,7 +118,7 @@ def test_a_notebook_gets_a_widget(made, request):
 def test_a_notebook_without_anywidget_is_told_what_to_install(made, monkeypatch):
     monkeypatch.setitem(sys.modules, "anywidget", None)
     monkeypatch.delitem(sys.modules, "solidtouch.analysis.live.widget", raising=False)
-    with pytest.raises(st.InputError, match=r"requires anywidget: pip install 'solidtouch\[notebook\]'"):
+    with pytest.raises(st.InputError, match=r"needs anywidget: pip install 'solidtouch\[notebook\]'"):
         st.view(made[1]())
 
 

@@ -75,7 +75,7 @@ def test_without_distributed_only_a_scheduler_is_refused(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
 
     assert list(crew_of(None, 1)(over, [1], 1.0)) == [1.0]
-    with pytest.raises(InputError, match=r"^--scheduler requires the package distributed: pip install distributed\.$"):
+    with pytest.raises(InputError, match=r"needs distributed: pip install 'solidtouch\[cluster\]'\.$"):
         crew_of("tcp://127.0.0.1:1", None)
 
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from ....blocks import BLOCK
 from ....errors import InputError
+from ....extras import extra
 from ...untrusted import read_first
 from .columns import Part, gathered, stacked
 from .contents import Contents, TextTable, Values, Variable, name_and_unit
@@ -27,10 +28,8 @@ def open_columnar(path: Path, how: TextTable) -> Contents:  # noqa: ARG001 - as 
     Raises:
         InputError: pyarrow is not installed, or the file is damaged or of another format.
     """
-    try:
+    with extra("pyarrow"):
         import pyarrow  # noqa: F401, ICN001, PLC0415
-    except ImportError as error:
-        raise InputError("this format needs pyarrow: pip install 'solidtouch[formats]'.") from error
     try:
         with path.open("rb") as file:
             begin = file.read(len(_IPC))

@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import Any, NamedTuple, override
 
 import numpy as np
-from mcap.records import Channel, Message, Metadata, Schema, Statistics
 from numpy.typing import NDArray
 
 from ....errors import InputError, counted
+from ....extras import extra
 from ...mcap_file import McapFile
 from ...untrusted import in_bytes
 from . import objects
@@ -16,6 +16,9 @@ from .columns import Part, gathered
 from .contents import Contents, TextTable, Values, Variable
 from .json_lines import decoded
 from .registry import ROS1
+
+with extra("mcap"):
+    from mcap.records import Channel, Message, Metadata, Schema, Statistics
 
 _FIRST = 20  # messages of a topic that tell its fields
 _BYTES = 1 << 22  # of messages that are held at a time
@@ -205,9 +208,10 @@ def _decoder(channel: Channel, schema: Schema | None) -> Callable[[Message], obj
     if (encoding, written) != ("cdr", "ros2msg"):
         return _refuses(f"messages of encoding {encoding or 'none'} with a schema of encoding {written or 'none'}")
     try:
-        from mcap_ros2.decoder import DecoderFactory  # noqa: PLC0415
-    except ImportError:
-        return _refuses("messages of ROS 2 need mcap-ros2-support: pip install 'solidtouch[formats]'")
+        with extra("mcap_ros2"):
+            from mcap_ros2.decoder import DecoderFactory  # noqa: PLC0415
+    except InputError as error:
+        return _refuses(str(error).rstrip("."))
     try:
         found = DecoderFactory().decoder_for(encoding, schema)
     except Exception:  # on damaged definitions the library raises almost any exception
