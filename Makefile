@@ -169,7 +169,7 @@ help:
 $(VENV)/.ready-run: pyproject.toml constraints.txt
 	@./.ci/make-venv $(VENV)
 	@echo "Installing solidtouch into $(VENV) ..."
-	@./.ci/install $(VENV) -e .
+	@./.ci/install $(VENV) -e '.[rig,cluster]'
 	@touch $@
 
 $(VENV)/.ready-dev: $(VENV)/.ready-run
