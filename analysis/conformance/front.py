@@ -213,8 +213,8 @@ def export(
     >>> import solidtouch as st
     >>> with TemporaryDirectory() as folder:
     ...     _ = st.conformance.export(Path(folder, "kit"), ["root-j"])
-    ...     sorted(path.name for path in Path(folder, "kit").iterdir())
-    ['index.json', 'root-j.json', 'root-j.jsonl']
+    ...     sorted(path.name for path in Path(folder, "kit").glob("root*"))
+    ['root-j.json', 'root-j.jsonl']
 
     Args:
         folder: Where to.
@@ -230,8 +230,9 @@ def export(
     Raises:
         InputError: There is no such case or level, or the folder cannot be written.
     """
-    chosen = own_kit().select(names, levels)
-    return export_kit(folder, chosen, precision, force, progress("Computing answers", len(chosen)))
+    kit = own_kit()
+    chosen = kit.select(names, levels)
+    return export_kit(folder, kit, chosen, precision, force, progress("Computing answers", len(chosen)))
 
 
 def _asked(precision: Precision, without: Sequence[str], timeout: float = 10.0) -> Asked:

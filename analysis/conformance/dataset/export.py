@@ -1,7 +1,12 @@
-"""The kit as files, for machines without Python: cases with exact answers and the input of a program."""
+"""The kit as files, for machines without Python: cases with exact answers, the input of a program, and descriptions.
+
+The same bytes come out each time, on any machine: no clock, no compression, line ends of one byte.
+"""
 
 import json
+from collections import Counter
 from collections.abc import Callable, Sequence
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -9,16 +14,32 @@ import numpy as np
 
 from ....models.storage import complete_folder
 from ..answers import Answer
-from ..case import FORMAT, Case, to_line
-from ..catalogue import expected
+from ..case import FORMAT, LEVELS, Case, to_line
+from ..catalogue import Kit, expected
 from ..tolerance import Precision, allowed_decisions, allowed_moves, needs_double, tolerances
+from .checksums import write_sums
+from .descriptions import CRATE, CROISSANT, KitFile, croissant, ro_crate
+from .version import LICENSE, RELEASED, provenance
 
 _CONVENTIONS = {"format": FORMAT, "index_base": 0, "numbers": "IEEE 754 binary64", "logarithms": "natural"}
 _LARGE = 200_000  # bytes of a case above which it comes as NPZ too
+STATIC = {
+    "README.md": "What the files are",
+    "CHANGELOG.md": "What each version of the kit changed",
+    "LICENSE": "CC0 1.0 Universal",
+    "case.schema.json": "JSON Schema of NAME.json",
+    "index.schema.json": "JSON Schema of index.json",
+    "header.schema.json": "JSON Schema of the first line that a program reads",
+    "tap.schema.json": "JSON Schema of the other lines that a program reads",
+    "answer.schema.json": "JSON Schema of a line that a program writes",
+    "report.schema.json": "JSON Schema of the report of a check",
+}
+"""Files of the package that an export holds as they are."""
 
 
 def export_kit(
     folder: str | Path,
+    kit: Kit,
     cases: Sequence[Case],
     precision: Precision = "double",
     force: bool = False,
@@ -28,7 +49,8 @@ def export_kit(
 
     Args:
         folder: Where to.
-        cases: Which ones.
+        kit: Which one.
+        cases: Which of its cases.
         precision: For which the tolerances are.
         force: Whether files may be replaced.
         progress: Called with the number of further cases written.
@@ -42,26 +64,58 @@ def export_kit(
     entries = []
     with complete_folder(folder, force) as temporary:
         for case in cases:
-            if not (precision == "single" and needs_double(case, expected(case))):
+            if _can(case, precision):
                 entries.append(_export(temporary, case, precision))
             progress(1)
-        index = {**_CONVENTIONS, "precision": precision, "cases": entries}
-        _write(temporary / "index.json", json.dumps(index, indent=1))
+        _write(temporary / "index.json", json.dumps(_index(kit, entries, precision), indent=1))
+        for name in STATIC:
+            (temporary / name).write_bytes(files(__package__).joinpath(name).read_bytes())
+        _describe(temporary, entries)
+        write_sums(temporary)
     return len(entries)
+
+
+def _can(case: Case, precision: Precision) -> bool:
+    return precision == "double" or not needs_double(case, expected(case))
+
+
+def _index(kit: Kit, entries: list[dict[str, Any]], precision: Precision) -> dict[str, Any]:
+    sizes = Counter(case.level for case in kit.cases.values() if _can(case, precision))
+    return {
+        **_CONVENTIONS,
+        "kit": kit.version,
+        "released": RELEASED,
+        "license": LICENSE,
+        "precision": precision,
+        "levels": {level: sizes[level] for level in LEVELS},
+        "provenance": provenance(),
+        "cases": entries,
+    }
+
+
+def _describe(folder: Path, entries: list[dict[str, Any]]) -> None:
+    """Writes the descriptions of all files."""
+    held = {"index.json": "Version of the kit, levels, and the cases with their files", **STATIC}
+    kinds = {".json": "{} With its exact answers", ".jsonl": "{} Lines that a program reads", ".npz": "{} Arrays"}
+    for entry in entries:
+        held |= {name: kinds[Path(name).suffix].format(entry["about"]) for name in entry["files"]}
+    described = [KitFile(folder / name, about) for name, about in held.items()]
+    _write(folder / CROISSANT, json.dumps(croissant(described), indent=1))
+    described.append(KitFile(folder / CROISSANT, "Description by Croissant 1.0"))
+    _write(folder / CRATE, json.dumps(ro_crate(described), indent=1))
 
 
 def _export(folder: Path, case: Case, precision: Precision) -> dict[str, Any]:
     whole = as_object(case, precision)
     text = to_line(whole)
     _write(folder / f"{case.name}.json", text)
-    with (folder / f"{case.name}.jsonl").open("w", encoding="utf-8") as file:
-        file.writelines(f"{line}\n" for line in case.lines())
-    files = [f"{case.name}.json", f"{case.name}.jsonl"]
+    _write(folder / f"{case.name}.jsonl", "\n".join(case.lines()))
+    names = [f"{case.name}.json", f"{case.name}.jsonl"]
     if len(text) > _LARGE:
-        np.savez_compressed(folder / f"{case.name}.npz", **_arrays(case), **_settings(case, precision))
-        files.append(f"{case.name}.npz")
-    about = {"case": case.name, "about": case.about, "equations": list(case.equations), "taps": len(case.taps)}
-    return about | {"files": files}
+        np.savez(folder / f"{case.name}.npz", **_arrays(case), **_settings(case, precision))
+        names.append(f"{case.name}.npz")
+    about = {"case": case.name, "level": case.level, "about": case.about, "equations": list(case.equations)}
+    return about | {"taps": len(case.taps), "files": names}
 
 
 def as_object(case: Case, precision: Precision) -> dict[str, Any]:
@@ -71,12 +125,15 @@ def as_object(case: Case, precision: Precision) -> dict[str, Any]:
     return {
         **case.header(),
         **_CONVENTIONS,
+        "level": case.level,
         "about": case.about,
         "equations": list(case.equations),
         "precision": precision,
+        "strict_ties": case.strict_ties,
         "taps": list(case.tap_lines()),
         "tolerances": {name: tolerance._asdict() for name, tolerance in allowed.items()},
         "expected": [_expected_line(case, answer, precision) for answer in right],
+        "provenance": provenance(),
     }
 
 
@@ -112,8 +169,9 @@ def _settings(case: Case, precision: Precision) -> dict[str, Any]:
     allowed = tolerances(case, expected(case), precision)
     given = {**_CONVENTIONS, **{name: header[name] for name in names if name in header}, "precision": precision}
     near = {f"tolerance_{name}": tuple(tolerance) for name, tolerance in allowed.items()}
-    return {name: np.array(value) for name, value in (given | near).items()}
+    origin = {f"provenance_{name}": value for name, value in provenance().items()}
+    return {name: np.array(value) for name, value in (given | near | origin).items()}
 
 
 def _write(path: Path, text: str) -> None:
-    path.write_text(text + "\n", encoding="utf-8")
+    path.write_text(text + "\n", encoding="utf-8", newline="\n")

@@ -1,7 +1,13 @@
 """The foreign programs, and cases with the right answers."""
 
+import json
+
 import pytest
 from foreign_programs import FOLDER, STRICT, cases, compile_c, long_case, node, with_answers
+from jsonschema import Draft202012Validator
+from referencing import Registry, Resource
+
+import solidtouch as st
 
 
 @pytest.fixture(scope="module")
@@ -13,6 +19,26 @@ def solid_c(tmp_path_factory):
 def program(request):
     """The command of each program."""
     return request.getfixturevalue("solid_c") if request.param == "c" else [*node(), str(FOLDER / "solid.js")]
+
+
+@pytest.fixture(scope="session")
+def exported(tmp_path_factory):
+    """The whole kit as files; tests read it only."""
+    folder = tmp_path_factory.mktemp("exported") / "kit"
+    st.conformance.export(folder)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def schemas(exported):
+    """A validator for each schema, by name; they refer to each other by the names of their files."""
+    found = {path.name: json.loads(path.read_text()) for path in exported.glob("*.schema.json")}
+    resources = [(name, Resource.from_contents(schema)) for name, schema in found.items()]
+    registry = Registry().with_resources(resources)
+    return {
+        name.removesuffix(".schema.json"): Draft202012Validator(schema, registry=registry)
+        for name, schema in found.items()
+    }
 
 
 @pytest.fixture(scope="module")

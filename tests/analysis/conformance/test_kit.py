@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from solidtouch.analysis.conformance.catalogue import catalogue, expected
+from solidtouch.analysis.conformance.catalogue import catalogue, expected, own_kit
 from solidtouch.analysis.conformance.dataset import export
 from solidtouch.analysis.conformance.dataset.export import export_kit
 from solidtouch.analysis.conformance.run import Asked, check_answers
@@ -19,7 +19,7 @@ def cases(names=NAMES):
 
 def test_files_hold_the_case_and_its_right_answers(tmp_path):
     """Numbers come back as the same doubles, minus infinity as null."""
-    export_kit(tmp_path / "kit", cases())
+    export_kit(tmp_path / "kit", own_kit(), cases())
     for case in cases():
         whole = json.loads((tmp_path / "kit" / f"{case.name}.json").read_text())
         lines = [json.loads(line) for line in (tmp_path / "kit" / f"{case.name}.jsonl").read_text().splitlines()]
@@ -37,7 +37,7 @@ def test_files_hold_the_case_and_its_right_answers(tmp_path):
 
 def test_conventions_stand_in_every_file(tmp_path):
     """Version, index base, numbers and logarithms, so that a file explains itself."""
-    export_kit(tmp_path / "kit", cases())
+    export_kit(tmp_path / "kit", own_kit(), cases())
     for name in (*NAMES, "index"):
         whole = json.loads((tmp_path / "kit" / f"{name}.json").read_text())
         assert [whole[key] for key in ("format", "index_base", "numbers", "logarithms")] == [
@@ -49,7 +49,7 @@ def test_conventions_stand_in_every_file(tmp_path):
 
 
 def test_choices_are_listed_where_there_are_several(tmp_path):
-    export_kit(tmp_path / "kit", cases())
+    export_kit(tmp_path / "kit", own_kit(), cases())
     near = json.loads((tmp_path / "kit" / "near-ties.json").read_text())["expected"][0]
     clear = json.loads((tmp_path / "kit" / "root-j.json").read_text())["expected"][0]
 
@@ -60,7 +60,7 @@ def test_choices_are_listed_where_there_are_several(tmp_path):
 
 def test_the_right_answers_pass_as_answers(tmp_path):
     """The lines of `expected` are what `check --answers` reads."""
-    export_kit(tmp_path / "kit", cases())
+    export_kit(tmp_path / "kit", own_kit(), cases())
     (tmp_path / "answers").mkdir()
     for case in cases():
         right = json.loads((tmp_path / "kit" / f"{case.name}.json").read_text())["expected"]
@@ -70,22 +70,20 @@ def test_the_right_answers_pass_as_answers(tmp_path):
 
 
 def test_an_index_lists_the_cases_that_the_precision_can_do(tmp_path):
-    assert export_kit(tmp_path / "kit", cases(), "single") == 5
+    assert export_kit(tmp_path / "kit", own_kit(), cases(), "single") == 5
     index = json.loads((tmp_path / "kit" / "index.json").read_text())
 
     assert index["precision"] == "single"
     assert [entry["case"] for entry in index["cases"]] == [name for name in NAMES if name != "single-edges"]
-    assert {path.name for path in (tmp_path / "kit").iterdir()} == {
-        "index.json",
-        *(name for entry in index["cases"] for name in entry["files"]),
-    }
+    assert {path.stem for path in (tmp_path / "kit").glob("*.jsonl")} == {entry["case"] for entry in index["cases"]}
+    assert [*index["levels"].values()] == [57, 6, 39, 0]
 
 
 def test_arrays_hold_the_case_and_its_right_answers(tmp_path, monkeypatch):
     """Every answer of every tap, as in the JSON, where any case counts as large."""
     monkeypatch.setattr(export, "_LARGE", 0)
     case = catalogue()["root-j"]
-    export_kit(tmp_path / "kit", [case])
+    export_kit(tmp_path / "kit", own_kit(), [case])
     right = [answer for answer in expected(case) if "posterior" in answer.values]
     with np.load(tmp_path / "kit" / "root-j.npz") as arrays:
         np.testing.assert_array_equal(arrays["taps"], case.taps)
@@ -98,7 +96,7 @@ def test_arrays_hold_the_case_and_its_right_answers(tmp_path, monkeypatch):
 @pytest.mark.slow
 def test_large_cases_come_as_arrays_too(tmp_path):
     case = catalogue()["episode-paper-size"]
-    export_kit(tmp_path / "kit", [case])
+    export_kit(tmp_path / "kit", own_kit(), [case])
     with np.load(tmp_path / "kit" / "episode-paper-size.npz") as arrays:
         np.testing.assert_array_equal(arrays["taps"], case.taps)
         np.testing.assert_array_equal(arrays["expected_tap"], np.arange(len(case.taps)) + 1)
@@ -111,6 +109,6 @@ def test_an_existing_folder_is_kept(tmp_path):
     (tmp_path / "kit").mkdir()
     (tmp_path / "kit" / "mine").write_text("x")
     with pytest.raises(InputError, match="--force"):
-        export_kit(tmp_path / "kit", cases())
+        export_kit(tmp_path / "kit", own_kit(), cases())
 
     assert [path.name for path in (tmp_path / "kit").iterdir()] == ["mine"]
