@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from ...models.storage import complete_file
 from .figure_curves import CurvePanel, curves_of
 from .figure_sizes import finish, new_figure, sized
+from .figure_svg import shortened
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -166,7 +167,8 @@ def drawing_of(figure: Figure) -> Drawing:
     curves = curves_of(figure)  # before the SVG, in which they have ids
     file = BytesIO()
     figure.savefig(file, format="svg", dpi=_raster_dpi(figure), metadata=_MADE["svg"])
-    return Drawing(file.getvalue(), figure.get_figwidth(), partial(_pixels, figure), curves)
+    ids = [part for panel in curves for series in panel.series for part in series.parts]
+    return Drawing(shortened(file.getvalue(), ids), figure.get_figwidth(), partial(_pixels, figure), curves)
 
 
 def _raster_dpi(figure: Figure) -> float:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from warnings import warn
 
 from jinja2 import Environment, StrictUndefined, Template
-from markupsafe import Markup
+from markupsafe import Markup, escape
 
 from ...models.errors import InputError
 from .ahead import drawn_ahead, key_of
@@ -20,7 +20,9 @@ from .figure_sizes import is_drawn_for_pages
 from .figure_style import Drawing, drawn, save
 from .page import Page, Picture, Section, blocks_of, brief, spans
 
-_IMAGE_BYTES = 1_900_000  # of all figures together; base64 adds a third, and a page has less than 3 MB
+_IMAGE_BYTES = 2_200_000  # of all figures together; a page has less than 3 MB
+_FIGURES = 10  # among which they are shared at most: pixels of figures below their share take no fewer bytes
+_IN_URI = str.maketrans({'"': "'", "'": "%26apos;", "%": "%25", "#": "%23", "&": "%26"})
 _TOLD_PANELS, _TOLD_SERIES = 6, 3
 _ELEMENTS = {"": Markup("{0}"), "strong": Markup("<strong>{0}</strong>"), "code": Markup("<code>{0}</code>")}
 _BRACKET = re.compile(r"[\[(].*?[\])]")
@@ -78,7 +80,7 @@ def draw_pictures(
         try:
             drawing = drawing_by(picture.draw)
             if drawing is not None:
-                files = save(drawing, folder, picture.name, _IMAGE_BYTES // len(pictures))
+                files = save(drawing, folder, picture.name, _IMAGE_BYTES // min(len(pictures), _FIGURES))
                 image = embedded(files, round(96 * drawing.inches))
                 images[picture.name] = image._replace(
                     curves=_as_json(drawing.curves if picture.curves else ()),
@@ -117,15 +119,23 @@ def render_brief(page: Page) -> str:
 def embedded(files: Sequence[Path], width: int) -> Image:
     """A figure for a page, `width` pixels wide: the smallest of its files."""
     chosen = min(files, key=lambda path: path.stat().st_size)
-    return Image(_uri(chosen.read_bytes(), "svg+xml" if chosen.suffix == ".svg" else "png"), width)
+    data = chosen.read_bytes()
+    return Image(_svg_uri(data) if chosen.suffix == ".svg" else _png_uri(data), width)
 
 
 def _narrow(drawing: Drawing | None) -> str:
-    return "" if drawing is None else _uri(drawing.svg, "svg+xml")
+    """An address among others, which spaces part."""
+    return "" if drawing is None else _svg_uri(drawing.svg).replace(" ", "%20")
 
 
-def _uri(data: bytes, kind: str) -> str:
-    return f"data:image/{kind};base64,{base64.b64encode(data).decode('ascii')}"
+def _svg_uri(data: bytes) -> str:
+    """An address to stand in quotation marks, of an SVG whose attributes do; a browser knows links by a short name."""
+    text = data.decode().replace("xlink:href", "href").replace(">\n", ">").replace("\n", " ")
+    return f"data:image/svg+xml,{text.translate(_IN_URI)}"
+
+
+def _png_uri(data: bytes) -> str:
+    return f"data:image/png;base64,{base64.b64encode(data).decode('ascii')}"
 
 
 def _template(page: Page) -> Template:
@@ -159,9 +169,9 @@ def _panel_in_words(panel: CurvePanel) -> str:
 
 
 def _as_json(curves: Sequence[CurvePanel]) -> str:
-    """Curves for the page's script; records by the names of their fields."""
+    """Curves for the page's script, as an attribute in single quotes; records by the names of their fields."""
     panels = [panel._asdict() | {"series": [one._asdict() for one in panel.series]} for panel in curves]
-    return json.dumps(panels, ensure_ascii=False, separators=(",", ":")) if panels else ""
+    return escape(json.dumps(panels, ensure_ascii=False, separators=(",", ":"))).replace("&#34;", '"') if panels else ""
 
 
 def _marked(text: str, ids: Collection[str]) -> Markup:

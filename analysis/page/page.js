@@ -22,10 +22,9 @@ function element(name, options, ...children) {
 
 // The same drawing in place of its picture, so that parts of it can be hidden; ids stay its own in a shadow root.
 function drawingOf(image) {
-  const [kind, data] = image.src.split(";base64,");
-  if (!kind.endsWith("svg+xml")) return null;
-  const bytes = Uint8Array.from(atob(data), (letter) => letter.charCodeAt(0));
-  const svg = new DOMParser().parseFromString(new TextDecoder().decode(bytes), "image/svg+xml").documentElement;
+  const [, data] = image.src.split("data:image/svg+xml,");
+  if (!data) return null;
+  const svg = new DOMParser().parseFromString(decodeURIComponent(data), "image/svg+xml").documentElement;
   svg.style.cssText = "display: block; width: 100%; height: auto";
   svg.setAttribute("aria-hidden", "true");
   const host = element("div", { className: "drawing" });

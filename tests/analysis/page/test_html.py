@@ -4,6 +4,8 @@ import doctest
 import json
 import re
 from html.parser import HTMLParser
+from urllib.parse import unquote
+from xml.etree import ElementTree as ET
 
 import pytest
 from matplotlib.figure import Figure
@@ -11,7 +13,7 @@ from solidtouch.analysis.page import html
 from solidtouch.analysis.page import page as pages
 from solidtouch.analysis.page.figure_curves import CurvePanel, CurveSeries
 from solidtouch.analysis.page.figure_sizes import new_figure
-from solidtouch.analysis.page.figure_style import label_panel, styled
+from solidtouch.analysis.page.figure_style import Drawing, label_panel, styled
 from solidtouch.analysis.page.html import (
     Image,
     draw_pictures,
@@ -78,7 +80,7 @@ def test_a_number_is_broken_before_its_interval_only():
 class Parsed(HTMLParser):
     """Elements with their attributes, and the text but for script; fails where elements are not closed in order."""
 
-    VOID = ("meta", "img")
+    VOID = ("meta", "img", "source")
 
     def __init__(self, text):
         super().__init__()
@@ -169,9 +171,9 @@ def test_a_page_is_written_with_its_figures_and_numbers(tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == {"fig1.svg", "report.html", "summary.json"}
     assert json.loads((tmp_path / "summary.json").read_text(encoding="utf-8")) == {"a": 1.5, "b": "ü"}
     text = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert Parsed(text).of("img")[0]["src"].startswith("data:image/svg+xml;base64,")
-    assert not re.search(r"<script [^>]|<link|@import|url\(|\bfetch\(|\bimport\b", text)
-    assert "http" not in re.sub(r'"data:[^"]*"', "", text)
+    assert unquote(Parsed(text).of("img")[0]["src"]).startswith("data:image/svg+xml,<?xml ")
+    text = re.sub(r'"data:[^"]*"', "", text)
+    assert not re.search(r"<script [^>]|<link|@import|url\(|\bfetch\(|\bimport\b|http", text)
 
 
 def test_drawn_figures_are_counted_and_need_not_be_drawn_again(tmp_path):
@@ -206,11 +208,38 @@ def test_large_drawings_are_embedded_as_pixels(tmp_path):
     png.write_bytes(b"\0" * 1000)
     svg.write_text("<svg>" + " " * 2000 + "</svg>")
 
-    assert embedded([svg], 672).data.startswith("data:image/svg+xml;base64,")
+    assert embedded([svg], 672).data.startswith("data:image/svg+xml,<svg>")
     assert embedded([svg, png], 672).data.startswith("data:image/png;base64,")
     svg.write_text("<svg></svg>")
     assert embedded([svg, png], 672).data.startswith("data:image/svg+xml")
     assert embedded([svg, png], 672).width == 672
+
+
+@pytest.mark.parametrize("narrow", [False, True], ids=["wide", "narrow"])
+def test_a_page_holds_the_drawing_whatever_is_in_it(narrow):
+    """As browsers read it, which leave out line breaks; an address among others has no spaces."""
+    svg = """<svg a="it's 100 % &lt; &quot;#1&quot; &amp; ü"\nb="%23">\n<g href="#c">d\n&gt; 'e'</g></svg>"""
+    address = html._narrow(Drawing(svg.encode(), 7.0, bytes)) if narrow else html._svg_uri(svg.encode())
+    image = Image(address, 672, narrow=address)
+    page = Parsed(html.render_page(PAGE, {"fig1": image}))
+    read = page.of("source")[0]["srcset"] if narrow else page.of("img")[0]["src"]
+    start, data = read.split(",", 1)
+
+    assert start == "data:image/svg+xml"
+    assert not re.search(r"[\n#]", data)
+    assert not (narrow and " " in data)
+    found, drawn = (ET.canonicalize(one, strip_text=True) for one in (unquote(data), svg))
+    assert found == drawn.replace("\n", " ")
+
+
+def test_curves_keep_what_they_are_called():
+    """In an attribute with quotation marks of its own."""
+    names = ["it's", 'a "b" & <c>', "&#39;", "100 %"]
+    curves = [CurvePanel(name, "", "", (0, 0, 1, 1), [CurveSeries(name, "#000", [], [])]) for name in names]
+    image = Image("data:image/png;base64,AAAA", 672, curves=html._as_json(curves))
+    (figure,) = Parsed(html.render_page(PAGE, {"fig1": image})).of("figure")
+
+    assert [panel["title"] for panel in json.loads(figure["data-curves"])] == names
 
 
 def test_pixels_are_written_where_drawings_are_too_large(tmp_path, monkeypatch):

@@ -235,7 +235,7 @@ def test_tables_hold_the_numbers_of_the_summary(summary):
 
 @pytest.mark.slow
 def test_the_folder_holds_page_numbers_and_figures(summary, tmp_path):
-    """All of them or nothing."""
+    """All of them or nothing; with five presets, as by default, a page has less than 3 MB."""
     StrategiesReport((), summary).save(tmp_path / "out")
     names = {path.name for path in (tmp_path / "out").iterdir()}
     drawn = ("curves-1", "equal-taps-1", "stopping-1", "trajectories-1", "trust")
@@ -243,6 +243,7 @@ def test_the_folder_holds_page_numbers_and_figures(summary, tmp_path):
     assert json.loads((tmp_path / "out" / "strategies.json").read_text()) == json.loads(json.dumps(summary))
     page = (tmp_path / "out" / "report.html").read_text()
     assert all(f'id="figure-{name}"' in page for name in drawn)
+    assert 5 * len(page) < 3_000_000
 
 
 def test_figures_show_every_strategy(summary):
