@@ -1,4 +1,4 @@
-"""Relative links and anchors in README, CHANGELOG and docs lead to files and headings; the index lists every page."""
+"""Relative links and anchors in README, pages beside it and docs lead to what is there; the index lists every page."""
 
 import re
 from pathlib import Path
@@ -7,7 +7,8 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
-PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted(DOCS.rglob("*.md"))]
+BESIDE = sorted(ROOT.glob("*.md"))
+PAGES = [*BESIDE, *sorted(DOCS.rglob("*.md"))]
 
 
 def prose(page):
@@ -68,7 +69,7 @@ def test_paths_of_docs_exist():
     suffixes = {".py", ".pyi", ".md", ".toml", ".sh", ".html"}
     folders = ("models", "hardware", "inference", "analysis", "cli", "solidtouch", "benchmarks", "tests", "docs")
     files = [path for folder in folders for path in (ROOT / folder).rglob("*") if path.suffix in suffixes]
-    texts = [path.read_text(encoding="utf-8") for path in [*files, ROOT / "Makefile", *PAGES[:2]]]
+    texts = [path.read_text(encoding="utf-8") for path in [*files, ROOT / "Makefile", *BESIDE]]
     named = {name for text in texts for name in re.findall(r"\bdocs/[\w/.-]+\.\w+", text)}
 
     assert sorted(name for name in named if not (ROOT / name).exists()) == []

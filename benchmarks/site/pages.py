@@ -14,7 +14,14 @@ from benchmarks.site.links import PICTURES, ROOT, in_repository, linked, relativ
 from benchmarks.site.sources import source_page, source_place
 
 CONTENTS = "docs/README.md"
-_NAMES = {"README.md": "index.md", "CHANGELOG.md": "changelog.md", CONTENTS: "contents.md"}
+PROJECT = {
+    "CHANGELOG.md": "changelog.md",
+    "CONTRIBUTING.md": "contributing.md",
+    "SECURITY.md": "security.md",
+    "CODE_OF_CONDUCT.md": "code-of-conduct.md",
+}
+"""Staged paths of pages beside the README, which are in no section."""
+_NAMES = {"README.md": "index.md", CONTENTS: "contents.md"} | PROJECT
 _FOLDERS = {"Tutorials": "tutorials", "How to": "how-to", "Notebooks": "notebooks", "Reference": "reference"} | {
     "Explanation": "explanation",
     "Decisions": "decisions",
@@ -35,7 +42,7 @@ class Section(NamedTuple):
 def documents() -> dict[str, str]:
     """Staged path of every page that the repository holds."""
     found = [*(ROOT / "docs").rglob("*.md"), *(ROOT / "docs" / "notebooks").glob("*.py")]
-    names = ["README.md", "CHANGELOG.md", *sorted(path.relative_to(ROOT).as_posix() for path in found)]
+    names = ["README.md", *PROJECT, *sorted(path.relative_to(ROOT).as_posix() for path in found)]
     return {name: _NAMES.get(name, name.removeprefix("docs/").replace("README.md", "index.md")) for name in names}
 
 
@@ -90,7 +97,7 @@ def staged(folder: Path) -> Staged:
     pages |= _section_pages(known)
     pages["decisions/index.md"] += _toctree(sorted(path for path in known.values() if _is_decision(path)))
     pages["index.md"] += _toctree([f"{_FOLDERS[section.name]}/index" for section in sections()] + ["gallery"])
-    for path in (known[CONTENTS], known["CHANGELOG.md"], *map(source_place, sources)):
+    for path in (known[CONTENTS], *PROJECT.values(), *map(source_place, sources)):
         pages[path] = f"---\norphan: true\n---\n\n{pages[path]}"
     return Staged(pages, files)
 

@@ -22,7 +22,7 @@ from benchmarks.site.commands import commands
 from benchmarks.site.episode import OUT, SECONDS
 from benchmarks.site.links import ROOT, linked
 from benchmarks.site.manual import manual, roff
-from benchmarks.site.pages import documents, staged
+from benchmarks.site.pages import PROJECT, documents, staged
 
 NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.py"))
 
@@ -46,7 +46,7 @@ def read():
 
 
 def test_every_page_is_in_the_table_of_contents_once(pages):
-    """But sources, the change log and the flat list of pages, which are reached by links."""
+    """But sources, pages beside the README and the flat list of pages, which are reached by links."""
     listed = []
     for text in pages.values():
         for block in re.findall(r"^```\{toctree\}\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL):
@@ -56,7 +56,7 @@ def test_every_page_is_in_the_table_of_contents_once(pages):
     here = {name.removeprefix(f"{FOLDER}/") for name in names}
     orphans = {page for page, text in pages.items() if text.startswith("---\norphan")}
 
-    assert {page for page in pages if page.startswith("source/")} | {"contents.md", "changelog.md"} == orphans
+    assert {page for page in pages if page.startswith("source/")} | {"contents.md", *PROJECT.values()} == orphans
     assert len(listed) == len(set(listed))
     for page in set(pages) - orphans - {"index.md"}:
         name = re.sub(r"\.(md|py)$", "", page)
