@@ -97,11 +97,13 @@ def rank_rows(levels: Sequence[Criterion], names: Sequence[str]) -> list[Row]:
     ]
 
 
-def headline(levels: Sequence[Criterion]) -> str:
-    """Which models are best at what, in a sentence; empty where a single model is ranked."""
+def headline(levels: Sequence[Criterion], reference: str) -> str:
+    """Which models are best at what, and by how sure a difference; empty where a single model is ranked."""
     ranked = _ranked(levels)
-    if not ranked:
-        return ""
+    return f"{_best_at(ranked)} {_unsure(ranked, reference)}".strip() if ranked else ""
+
+
+def _best_at(ranked: Sequence[Criterion]) -> str:
     always = [name for name in ranked[0].best if all(name in level.best for level in ranked)]
     if always:
         levels_named = "at all levels" if len(ranked) > 1 else f"in {ranked[0].said}"
@@ -112,6 +114,23 @@ def headline(levels: Sequence[Criterion]) -> str:
     verb = "is" if len(ranked[0].best) == 1 else "are"
     parts = [f"{names} {f'{verb} best ' * (not number)}in {listed(at[names])}" for number, names in enumerate(at)]
     return f"No model is best at all levels: {'; '.join(parts)}."
+
+
+def _unsure(ranked: Sequence[Criterion], reference: str) -> str:
+    """At which levels the best model may be no better than the second."""
+    within, without = [], []
+    for level in ranked:
+        found = None if level.second is None else _difference(level, level.second, reference)
+        if found is None:
+            continue
+        _, low, high = found
+        if low is None or high is None:
+            without.append(level.said)
+        elif low <= 0 <= high:
+            within.append(level.said)
+    said = [f"is not significant in {listed(within)}"] if within else []
+    said += [f"has no interval in {listed(without)}"] if without else []
+    return f"The difference from the second {' and '.join(said)}." if said else ""
 
 
 def best_rows(levels: Sequence[Criterion], reference: str) -> list[Row]:

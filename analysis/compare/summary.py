@@ -85,7 +85,7 @@ def summarise(comparison: Comparison, settings: CompareSettings, described: Row)
         "checks": _checks(comparison.checks),
         "levels": [{"title": level.title, "unit": level.unit} for level in ranked],
         "ranks": rank_rows(ranked, names),
-        "headline": headline(ranked),
+        "headline": headline(ranked, names[0]),
         "best": best_rows(ranked, names[0]),
         "overconfident": overconfident(comparison.curves),
         "trials": settings.trials,

@@ -44,7 +44,9 @@ def test_equal_models_share_the_better_rank():
     assert (row["best"], row["value"], row["second"]) == (["b", "c"], -8.0, "a")
     assert row["less_second"] == [1.0, None, None]
     assert row["less_reference"] == [2.0, *tied.difference["b"]]
-    assert headline([tied]) == "b and c are best in being best at taps."
+    assert headline([tied], "d") == (
+        "b and c are best in being best at taps. The difference from the second has no interval in being best at taps."
+    )
 
 
 def test_the_best_is_compared_with_the_second_and_the_reference():
@@ -100,23 +102,44 @@ def test_a_difference_without_an_interval_has_no_ends():
     assert row["less_second"] == row["less_reference"] == [-2.0, None, None]
 
 
+def sure(title: str, values: dict[str, float]) -> Criterion:
+    """A level whose differences are all significant."""
+    one = level(title, values)
+    return one._replace(
+        difference={name: (value - values["a"],) * 2 for name, value in values.items()},
+        step={name: (high - 2,) * 2 for name, (_, high) in one.step.items()},
+    )
+
+
 def test_the_headline_names_who_is_best_at_what():
     """Models that are best at several levels once, in the order of the levels; levels of one model are left out."""
-    third = level("belief", {"a": -2.0, "b": -1.0})
-    alone = level("more", {"a": 1.0})
-    assert headline([TAPS, ERROR, third, alone]) == (
+    taps, error = (sure(one.title, one.values) for one in (TAPS, ERROR._replace(values={"a": 0.9, "b": 0.4})))
+    third, alone = sure("belief", {"a": -2.0, "b": -1.0}), sure("more", {"a": 1.0})
+    assert headline([taps, error, third, alone], "a") == (
         "No model is best at all levels: b is best in being best at taps and being best at belief; a in being best at "
         "active error."
     )
-    assert headline([TAPS, TAPS]) == "b is best at all levels."
-    assert headline([ERROR]) == "a is best in being best at active error."
-    assert headline([alone]) == headline([]) == ""
+    assert headline([taps, taps], "a") == "b is best at all levels."
+    assert headline([error], "a") == "a is best in being best at active error."
+    assert headline([alone], "a") == headline([], "a") == ""
+
+
+def test_the_headline_says_where_the_best_may_be_no_better():
+    """A difference whose interval holds 0, its ends included, is not significant; one without an interval is named."""
+    taps, unknown = sure("taps", {"a": 0.0, "b": 1.0}), sure("x", {"a": 0.0, "b": 2.0})._replace(difference={}, step={})
+    touching = sure("y", {"a": 0.0, "b": 2.0})._replace(difference={"b": (0.0, 4.0)})
+    said = headline([taps, unknown, touching, level("z", {"a": 0.0, "b": 0.5})], "a")
+    assert said == (
+        "b is best at all levels. The difference from the second is not significant in being best at y and being best "
+        "at z and has no interval in being best at x."
+    )
+    assert headline([level("z", {"a": 1.0, "b": 1.0})], "a") == "a and b are best in being best at z."
 
 
 def test_equal_winners_are_named_together_and_a_common_winner_alone():
     tied = level("x", {"a": 1.0, "b": 1.0, "c": 0.0})
-    assert headline([tied, TAPS]) == "b is best at all levels."
-    assert headline([tied, level("y", {"a": 0.0, "b": 0.0, "c": 1.0})]).startswith(
+    assert headline([tied, TAPS], "a").startswith("b is best at all levels. ")
+    assert headline([tied, level("y", {"a": 0.0, "b": 0.0, "c": 1.0})], "a").startswith(
         "No model is best at all levels: a and b are best in being best at x; c in"
     )
 
