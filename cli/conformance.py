@@ -29,6 +29,15 @@ Levels = Annotated[
         help="Cases of this level, with those of --case: core, episodes, borders or limits; repeatable. Default: all.",
     ),
 ]
+KitFolder = Annotated[
+    Path | None,
+    Option(
+        "--kit",
+        metavar="DIR",
+        help="Exported kit whose cases and answers count; default: the kit of this version.",
+        show_default=False,
+    ),
+]
 Precision = Annotated[
     Literal["double", "single"], Option(help="Floating-point precision of the program; single gets wider tolerances.")
 ]
@@ -38,6 +47,7 @@ Precision = Annotated[
 def list_cases(
     case: Cases = None,
     level: Levels = None,
+    kit: KitFolder = None,
 ) -> None:
     """List the cases, their levels and what each tests."""
     with loading():
@@ -45,10 +55,10 @@ def list_cases(
         from rich.table import Table
 
         from ..analysis.conformance.case import LEVELS
-        from ..analysis.conformance.dataset.version import KIT_VERSION
-        from ..analysis.conformance.front import cases
+        from ..analysis.conformance.front import open_kit
     table = Table("case", "level", "equations", "taps", "what it tests", box=None)
-    chosen = cases(*case or (), levels=level or ())
+    of = open_kit(kit)
+    chosen = of.select(case or (), level or ())
     for one in chosen:
         table.add_row(one.name, one.level, _equations(one.equations), str(len(one.taps)), one.about)
     console = Console()
@@ -57,7 +67,7 @@ def list_cases(
     for name, about in LEVELS.items():
         if sizes[name]:
             console.print(f"{name}: {sizes[name]} cases; {about}.", highlight=False)
-    console.print(f"{len(chosen)} cases of kit {KIT_VERSION}.", highlight=False)
+    console.print(f"{len(chosen)} cases of kit {of.version}.", highlight=False)
 
 
 @app.command("export")
@@ -85,6 +95,7 @@ def run_engines(
     ] = None,
     case: Cases = None,
     level: Levels = None,
+    kit: KitFolder = None,
     verbose: Annotated[bool, Option("--verbose", help="Also print the cases that pass.")] = False,
 ) -> None:
     """Check the engines of this package; exit code 1 if one differs."""
@@ -97,7 +108,7 @@ def run_engines(
     for name in (engine,) if engine else ROUTES:
         print(f"Engine {name}")
         with bars() as progress:
-            report = run_engine(name, case or (), levels=level or (), progress=progress)
+            report = run_engine(name, case or (), levels=level or (), kit=kit, progress=progress)
         passed &= _printed(report, verbose)
     if not passed:
         raise typer.Exit(1)
@@ -118,6 +129,7 @@ def check(
     ] = None,
     case: Cases = None,
     level: Levels = None,
+    kit: KitFolder = None,
     precision: Precision = "double",
     without: Annotated[
         list[str] | None,
@@ -152,7 +164,7 @@ def check(
         if report_as is None:
             raise InputError("--report-file needs --report json or --report junit.")
         check_writable(report_file, force=True)
-    how: dict[str, Any] = {"levels": level or (), "precision": precision, "without": without or ()}
+    how: dict[str, Any] = {"levels": level or (), "kit": kit, "precision": precision, "without": without or ()}
     with bars() as progress:
         if answers is not None:
             report = run_files(answers, case or (), **how, progress=progress)

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +39,18 @@ class _NoNumberError(ValueError):
     """A line holds NaN or an infinity."""
 
 
+class Allowed(NamedTuple):
+    """Choices that pass beside the right ones, as a file lists them.
+
+    Attributes:
+        decisions: Of each threshold; -1 is none.
+        moves: Own moves.
+    """
+
+    decisions: list[set[int]]
+    moves: set[int]
+
+
 @dataclass(frozen=True)
 class Answer:
     """One line of answers.
@@ -47,11 +59,13 @@ class Answer:
         tap: Which tap; 0 for the fitted tables.
         values: Arrays, numbers and choices by quantity; a decision of -1 is none.
         error: `"zero_evidence"` in place of values.
+        allowed: What passes beside it; `None` where that is computed.
     """
 
     tap: int
     values: Mapping[str, Any] = field(default_factory=dict)
     error: str | None = None
+    allowed: Allowed | None = None
 
     def line(self, case: str) -> dict[str, Any]:
         """As a program writes it; minus infinity and no decision are `None`."""

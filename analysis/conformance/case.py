@@ -4,8 +4,8 @@ The format is documented in docs/reference/conformance/README.md. Numbers are do
 """
 
 import json
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,6 +37,18 @@ class Training(NamedTuple):
     what: NDArray[np.intp]
 
 
+class Pinned(NamedTuple):
+    """Right answers as a file has them, in place of those that would be computed.
+
+    Attributes:
+        answers: Of the taps that have one, each an `answers.Answer`.
+        tolerances: Absolute and relative, by quantity.
+    """
+
+    answers: tuple[Any, ...]
+    tolerances: Mapping[str, tuple[float, float]]
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Case:
     """What an implementation is given.
@@ -65,6 +77,7 @@ class Case:
         answered: Taps with an expected answer, counted from 1; none for all.
         strict_ties: Whether equal beliefs are equal in any arithmetic, so that the lowest index is the one answer.
         level: What a program that passes it can claim, one of `LEVELS`.
+        pinned: Answers of a file.
     """
 
     name: str
@@ -88,6 +101,7 @@ class Case:
     answered: tuple[int, ...] = ()
     strict_ties: bool = False
     level: str = "core"
+    pinned: Pinned | None = None
 
     def __repr__(self) -> str:
         return f"<Case {self.name}: {len(self.taps)} tap{'s' * (len(self.taps) != 1)}. {self.about}>"
@@ -108,6 +122,10 @@ class Case:
     def objects(self) -> tuple[str, ...]:
         """Name of each what class."""
         return tuple(f"object {m}" for m in range(self.prior.shape[1]))
+
+    def with_answers(self, pinned: Pinned) -> "Case":
+        """The case with answers of a file."""
+        return replace(self, pinned=pinned)
 
     def header(self) -> dict[str, Any]:
         """The first line that a program reads."""

@@ -10,10 +10,11 @@ from ...models.progress import Progress, no_progress
 from ..page.stages import counted
 from .answers import FIT, QUANTITIES
 from .case import Case
+from .catalogue import Kit, own_kit
 from .catalogue import expected as exact_answers
-from .catalogue import own_kit
 from .causes import with_causes
 from .dataset.export import export_kit
+from .dataset.pinned import read_kit
 from .program import split_command
 from .report import ConformanceReport
 from .routes import ROUTES
@@ -22,8 +23,8 @@ from .tolerance import Precision
 from .verdict import Verdict
 
 
-def cases(*names: str, levels: Sequence[str] = ()) -> list[Case]:
-    """The cases of these names and levels, or all; they are copies.
+def cases(*names: str, levels: Sequence[str] = (), kit: str | Path | None = None) -> list[Case]:
+    """The cases of these names and levels, or all, of this version or of an exported kit; they are copies.
 
     >>> import solidtouch as st
     >>> st.conformance.cases("root-j")
@@ -32,10 +33,10 @@ def cases(*names: str, levels: Sequence[str] = ()) -> list[Case]:
     Raises:
         InputError: There is no such case.
     """
-    return deepcopy(own_kit().select(names, levels))
+    return deepcopy(open_kit(kit).select(names, levels))
 
 
-def expected(name: str) -> list[dict[str, Any]]:
+def expected(name: str, kit: str | Path | None = None) -> list[dict[str, Any]]:
     """The exact answers to a case, as an implementation gives them; large cases have them for some taps only.
 
     >>> import solidtouch as st
@@ -45,7 +46,7 @@ def expected(name: str) -> list[dict[str, Any]]:
     Raises:
         InputError: There is no such case.
     """
-    (case,) = own_kit().select([name])
+    (case,) = open_kit(kit).select([name])
     answers = (({} if answer.error is None else {"error": answer.error}, answer) for answer in exact_answers(case))
     return [{"tap": answer.tap, **error, **deepcopy(dict(answer.values))} for error, answer in answers]
 
@@ -55,6 +56,7 @@ def run(
     names: Sequence[str] = (),
     *,
     levels: Sequence[str] = (),
+    kit: str | Path | None = None,
     precision: Precision = "double",
     without: Sequence[str] = (),
     progress: Progress = no_progress,
@@ -81,6 +83,7 @@ def run(
         implementation: The function.
         names: Cases; default all.
         levels: Levels whose cases are checked, with those of `names`; default all.
+        kit: Folder of an exported kit, whose cases and answers count; default the kit of this version.
         precision: Precision of its numbers; `"single"` has wider tolerances.
         without: Quantities that it does not answer, such as `"log_evidence"`.
         progress: Called with the name and size of every stage; returns the function that advances it.
@@ -91,7 +94,7 @@ def run(
     title = f"Conformance of {getattr(implementation, '__name__', type(implementation).__name__)}"
     asked = _asked(precision, without)
     return _report(
-        title, (names, levels), asked, progress, lambda chosen: check_function(implementation, chosen, asked)
+        title, (kit, names, levels), asked, progress, lambda chosen: check_function(implementation, chosen, asked)
     )
 
 
@@ -100,6 +103,7 @@ def run_program(
     names: Sequence[str] = (),
     *,
     levels: Sequence[str] = (),
+    kit: str | Path | None = None,
     precision: Precision = "double",
     without: Sequence[str] = (),
     timeout: float = 10.0,
@@ -116,6 +120,7 @@ def run_program(
         command: The program and its arguments, as in a shell or one by one.
         names: As in `run`.
         levels: As in `run`.
+        kit: As in `run`.
         precision: As in `run`.
         without: As in `run`.
         timeout: Seconds that it has for a case.
@@ -129,7 +134,7 @@ def run_program(
     words = split_command(command) if isinstance(command, str) else list(command)
     title = f"Conformance of {words[0]}"
     return _report(
-        title, (names, levels), asked, progress, lambda chosen: check_program(words, chosen, asked, together)
+        title, (kit, names, levels), asked, progress, lambda chosen: check_program(words, chosen, asked, together)
     )
 
 
@@ -138,6 +143,7 @@ def run_files(
     names: Sequence[str] = (),
     *,
     levels: Sequence[str] = (),
+    kit: str | Path | None = None,
     precision: Precision = "double",
     without: Sequence[str] = (),
     progress: Progress = no_progress,
@@ -159,6 +165,7 @@ def run_files(
         folder: Where they are.
         names: As in `run`.
         levels: As in `run`.
+        kit: As in `run`.
         precision: As in `run`.
         without: As in `run`.
         progress: As in `run`.
@@ -170,11 +177,18 @@ def run_files(
         raise InputError(f"--answers {folder}: not a folder.")
     asked = _asked(precision, without)
     title = f"Conformance of answers in {folder}"
-    return _report(title, (names, levels), asked, progress, lambda chosen: check_answers(Path(folder), chosen, asked))
+    return _report(
+        title, (kit, names, levels), asked, progress, lambda chosen: check_answers(Path(folder), chosen, asked)
+    )
 
 
 def run_engine(
-    engine: str, names: Sequence[str] = (), *, levels: Sequence[str] = (), progress: Progress = no_progress
+    engine: str,
+    names: Sequence[str] = (),
+    *,
+    levels: Sequence[str] = (),
+    kit: str | Path | None = None,
+    progress: Progress = no_progress,
 ) -> ConformanceReport:
     """Checks an engine of this software.
 
@@ -186,6 +200,7 @@ def run_engine(
         engine: `"numpy"`, `"numpyro"` or `"montecarlo"`.
         names: As in `run`.
         levels: As in `run`.
+        kit: As in `run`.
         progress: As in `run`.
 
     Raises:
@@ -194,7 +209,7 @@ def run_engine(
     if engine not in ROUTES:
         raise InputError(f"--engine {engine}: it must be one of {', '.join(ROUTES)}.")
     title = f"Conformance of engine {engine}"
-    return _report(title, (names, levels), Asked(), progress, lambda chosen: run_route(engine, chosen))
+    return _report(title, (kit, names, levels), Asked(), progress, lambda chosen: run_route(engine, chosen))
 
 
 def export(
@@ -235,6 +250,20 @@ def export(
     return export_kit(folder, kit, chosen, precision, force, progress("Computing answers", len(chosen)))
 
 
+def open_kit(folder: str | Path | None, precision: Precision | None = None) -> Kit:
+    """The kit of this version, or one in a folder.
+
+    Raises:
+        InputError: The folder is damaged, incomplete, of a newer format or for another precision.
+    """
+    if folder is None:
+        return own_kit()
+    kit = read_kit(folder)
+    if precision is not None and kit.precision != precision:
+        raise InputError(f"--kit {folder}: its tolerances are for --precision {kit.precision}, not {precision}.")
+    return kit
+
+
 def _asked(precision: Precision, without: Sequence[str], timeout: float = 10.0) -> Asked:
     """What is asked of an implementation.
 
@@ -252,14 +281,15 @@ def _asked(precision: Precision, without: Sequence[str], timeout: float = 10.0) 
 
 def _report(
     title: str,
-    wanted: tuple[Sequence[str], Sequence[str]],
+    wanted: tuple[str | Path | None, Sequence[str], Sequence[str]],
     asked: Asked,
     progress: Progress,
     work: Callable[[list[Case]], Iterator[Verdict]],
 ) -> ConformanceReport:
     """The verdicts with their causes, which are likelier the more cases they explain."""
-    kit = own_kit()
-    chosen = kit.select(*wanted)
+    folder, *which = wanted
+    kit = open_kit(folder, asked.precision)
+    chosen = kit.select(*which)
     advance = progress("Cases", len(chosen))
     verdicts = list(counted(work(chosen), advance))
     wrong = sum(verdict.quantity != "" for verdict in verdicts)

@@ -35,14 +35,16 @@ class LevelResult(NamedTuple):
         return self.passed > 0 and not (self.differs or self.failed or self.not_asked)
 
 
-def level_results(cases: Mapping[str, Case], found: Mapping[str, Verdict]) -> dict[str, LevelResult]:
+def level_results(
+    sizes: Mapping[str, int], cases: Mapping[str, Case], found: Mapping[str, Verdict]
+) -> dict[str, LevelResult]:
     """The results in each level of which a case was asked, from simple to demanding.
 
     Args:
-        cases: All of the kit.
+        sizes: Number of cases of the kit by level.
+        cases: By name.
         found: The verdicts by case.
     """
-    sizes = Counter(case.level for case in cases.values())
     asked = {cases[name].level for name in found}
     return {level: _result(level, sizes[level], cases, found) for level in LEVELS if level in asked}
 

@@ -59,7 +59,7 @@ class ConformanceReport(Report):
     @cached_property
     def levels(self) -> Mapping[str, LevelResult]:
         """What was found in each level of which a case was asked; `passes` says whether the level does."""
-        return level_results(self.kit.cases, self.found)
+        return level_results(self.kit.sizes, self.kit.cases, self.found)
 
     @property
     def results(self) -> xr.Dataset:

@@ -35,6 +35,8 @@ def tolerances(case: Case, expected: list[Answer], precision: Precision) -> dict
         expected: Its right answers.
         precision: Of the program's numbers.
     """
+    if case.pinned is not None:
+        return {name: Tolerance(*bounds) for name, bounds in case.pinned.tolerances.items()}
     least, rounding = _LEAST[precision], _ROUNDING[precision]
     belief = Tolerance(max(least, _STEPS * rounding * _added(case, expected)), 0.0)
     terms = case.sizes["J"] * case.sizes["K"]
@@ -62,6 +64,8 @@ def _added(case: Case, expected: list[Answer]) -> float:
 
 def needs_double(case: Case, expected: list[Answer]) -> str:
     """Why 32-bit arithmetic cannot do a case, in a phrase; empty if it can."""
+    if case.pinned is not None:  # a folder for single precision holds no such case
+        return ""
     if tolerances(case, expected, "single")["posterior"].absolute > _LARGEST:
         return "the logarithms to be added are too large"
     if ((case.prior > 0) & (case.prior < _TINY)).any():
@@ -92,6 +96,8 @@ def _same_bins(taps: NDArray[np.float64], edges: NDArray[np.float64]) -> bool:
 
 def allowed_decisions(case: Case, answer: Answer, tolerance: Tolerance) -> list[set[int]]:
     """The decisions that pass at each threshold; -1 is none."""
+    if answer.allowed is not None:
+        return answer.allowed.decisions
     what, right = answer.values["what"], answer.values["decisions"].tolist()
     return [
         {index} if case.strict_ties else {index} | _allowed(what, theta, tolerance.absolute)
@@ -101,6 +107,8 @@ def allowed_decisions(case: Case, answer: Answer, tolerance: Tolerance) -> list[
 
 def allowed_moves(case: Case, answer: Answer, tolerance: Tolerance) -> set[int]:
     """The own moves that pass."""
+    if answer.allowed is not None:
+        return answer.allowed.moves
     right = {int(answer.values["move"])}
     if case.strict_ties:
         return right

@@ -149,3 +149,18 @@ def test_wrong_options_are_told_in_a_sentence(words, sentence):
 
     assert type(done.exception).__name__ == "InputError"
     assert sentence in str(done.exception)
+
+
+def test_the_commands_take_a_pinned_kit(command, tmp_path):
+    kit = tmp_path / "kit"
+    st.conformance.export(kit, ["root-j", "ties"])
+    done = command("conformance", "list", "--kit", kit)
+    assert (done.code, done.out.splitlines()[-1]) == (0, f"2 cases of kit {KIT_VERSION}.")
+    done = command("conformance", "check", "--command", "true", "--kit", kit, "--case", "root-j")
+    assert (done.code, "root-j  DIFFERS tap 1: there is no answer" in done.out) == (1, True)
+    done = command("conformance", "run", "--engine", "numpy", "--kit", kit)
+    assert (done.code, "2 of 2 cases pass." in done.out) == (0, True)
+    (kit / "root-j.json").unlink()
+    done = command("conformance", "check", "--command", "true", "--kit", kit)
+    assert (done.code, done.out) == (2, "")
+    assert done.err.endswith("incomplete: root-j.json is missing, which SHA256SUMS lists.\n")

@@ -1,0 +1,208 @@
+"""Reader of an exported kit: cases, exact answers, tolerances and allowed choices as the files have them."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from ....inference.reference import Border
+from ....models.errors import InputError, check_path
+from ..answers import Allowed, Answer, given_answer
+from ..case import FORMAT, LEVELS, Case, Pinned, Training
+from ..catalogue import Kit
+from ..tolerance import Precision
+from .checksums import check_sums
+
+INDEX = "index.json"
+
+
+class _Format(msgspec.Struct):
+    """What says whether the rest can be read."""
+
+    format: int
+
+
+class _Entry(msgspec.Struct):
+    """A case in the index."""
+
+    case: str
+    level: str
+
+
+class _Index(msgspec.Struct):
+    """What is read of the index."""
+
+    kit: str
+    precision: Precision
+    levels: dict[str, int]
+    cases: list[_Entry]
+
+
+class _Tap(msgspec.Struct):
+    """A tap of a case."""
+
+    move: int
+    samples: list[list[float]]
+
+
+class _Training(msgspec.Struct):
+    """Training taps of a case."""
+
+    taps: list[list[list[float]]]
+    where: list[int]
+    what: list[int]
+
+
+class _Bounds(msgspec.Struct):
+    """A tolerance."""
+
+    absolute: float
+    relative: float
+
+
+class _CaseFile(msgspec.Struct):
+    """A case as its file has it."""
+
+    case: str
+    L: int
+    M: int
+    K: int
+    J: int
+    B: int
+    where_value: list[float]
+    prior: list[list[float]]
+    power: str | float
+    border: Border
+    thresholds: list[float]
+    theta_x: float
+    fixation: int
+    level: str
+    about: str
+    equations: tuple[int, ...]
+    strict_ties: bool
+    taps: list[_Tap]
+    tolerances: dict[str, _Bounds]
+    expected: list[dict[str, Any]]
+    edges: list[Any] | None = None
+    counts: list[list[list[list[int]]]] | None = None
+    pseudocount: float = 0.01
+    probabilities: list[list[list[list[float]]]] | None = None
+    training: _Training | None = None
+
+
+def read_kit(folder: str | Path) -> Kit:
+    """The kit in a folder that `conformance export` has written.
+
+    Raises:
+        InputError: It is damaged, incomplete or of a newer format.
+    """
+    folder = check_path(folder)
+    if not folder.is_dir():
+        raise InputError(f"--kit {folder}: not a folder.")
+    names = set(check_sums(folder))
+    index = _decoded(folder, INDEX, names, _Index)
+    for entry in index.cases:
+        if entry.level not in LEVELS:
+            raise InputError(
+                f"--kit {folder}: kit {index.kit} has level {entry.level!r}, which this version of solidtouch does not "
+                "know; a newer one does."
+            )
+    cases = {entry.case: _case(folder, f"{entry.case}.json", names) for entry in index.cases}
+    return Kit(index.kit, cases, index.levels, index.precision)
+
+
+def _decoded[T](folder: Path, name: str, names: set[str], kind: type[T]) -> T:
+    """What a file holds, once it is known to be of a format that can be read."""
+    if name not in names:
+        raise InputError(f"--kit {folder}: incomplete: {name} is not in its checksums.")
+    content = (folder / name).read_bytes()
+    try:
+        found = msgspec.json.decode(content, type=_Format).format
+        if found > FORMAT:
+            raise InputError(
+                f"--kit {folder}: {name} has format {found}, this version of solidtouch reads {FORMAT}; a newer one "
+                "reads it."
+            )
+        return msgspec.json.decode(content, type=kind)
+    except (msgspec.MsgspecError, RecursionError) as error:
+        raise InputError(f"--kit {folder}: {name} is not of format {FORMAT}: {error}.") from None
+
+
+def _case(folder: Path, name: str, names: set[str]) -> Case:
+    whole = _decoded(folder, name, names, _CaseFile)
+    try:
+        return _pinned(whole, _plain(whole))
+    except (ValueError, OverflowError, KeyError) as error:  # also answers that are none, and lists of uneven lengths
+        raise InputError(f"--kit {folder}: {name} is not of format {FORMAT}: {error}.") from None
+
+
+def _plain(whole: _CaseFile) -> Case:
+    """A case without its answers."""
+    L, M, K, J, B = whole.L, whole.M, whole.K, whole.J, whole.B
+    taps = [tap.samples for tap in whole.taps]
+    given = [line["tap"] for line in whole.expected if line["tap"] > 0]
+    ended = bool(whole.expected) and "error" in whole.expected[-1]
+    return Case(
+        whole.case,
+        whole.about,
+        whole.equations,
+        _array("prior", whole.prior, (L, M)),
+        _array("taps", taps, (len(taps), J, K)),
+        np.array([tap.move for tap in whole.taps], dtype=np.intp),
+        B,
+        _edges(whole),
+        None if whole.counts is None else _array("counts", whole.counts, (L, M, K, B)).astype(np.int64),
+        None if whole.probabilities is None else _array("probabilities", whole.probabilities, (L, M, K, B)),
+        None if whole.training is None else _training(whole.training, (J, K)),
+        whole.pseudocount,
+        whole.power,  # pyright: ignore[reportArgumentType] - one of the names or a number
+        whole.border,
+        tuple(whole.thresholds),
+        whole.theta_x,
+        whole.fixation,
+        tuple(whole.where_value),
+        () if ended or len(given) == len(taps) else tuple(given),
+        whole.strict_ties,
+        whole.level,
+    )
+
+
+def _pinned(whole: _CaseFile, case: Case) -> Case:
+    """A case with the answers of its file."""
+    answers = tuple(_answer(line, case) for line in whole.expected)
+    bounds = {name: (bound.absolute, bound.relative) for name, bound in whole.tolerances.items()}
+    return case.with_answers(Pinned(answers, bounds))
+
+
+def _answer(line: Mapping[str, Any], case: Case) -> Answer:
+    """A right answer, and the choices that pass beside it."""
+    answer = given_answer(line, case, line["tap"])
+    if "decisions" not in answer.values:
+        return answer
+    right = answer.values["decisions"].tolist()
+    also = line.get("allowed_decisions", [[] for _ in right])
+    decisions = [{index, *(-1 if m is None else m for m in more)} for index, more in zip(right, also, strict=True)]
+    return replace(answer, allowed=Allowed(decisions, {int(answer.values["move"]), *line.get("allowed_moves", ())}))
+
+
+def _array(name: str, values: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    array = np.array(values, dtype=np.float64)
+    if array.shape != shape:
+        raise ValueError(f"{name} has shape {list(array.shape)} instead of {list(shape)}")
+    return array
+
+
+def _edges(whole: _CaseFile) -> NDArray[np.float64] | None:
+    if whole.edges is None:
+        return None
+    array = np.array(whole.edges, dtype=np.float64)
+    return _array("edges", array, (whole.K, whole.B + 1) if array.ndim == 2 else (whole.B + 1,))
+
+
+def _training(training: _Training, shape: tuple[int, int]) -> Training:
+    taps = _array("training", training.taps, (len(training.taps), *shape))
+    return Training(taps, np.array(training.where), np.array(training.what))

@@ -1,0 +1,200 @@
+"""An exported kit in place of the cases of this version."""
+
+import json
+import shutil
+
+import numpy as np
+import pytest
+from solidtouch.analysis.conformance.catalogue import catalogue, expected
+from solidtouch.analysis.conformance.dataset.checksums import write_sums
+from solidtouch.analysis.conformance.dataset.pinned import read_kit
+from solidtouch.analysis.conformance.dataset.version import KIT_VERSION
+from solidtouch.analysis.conformance.tolerance import allowed_decisions, allowed_moves, tolerances
+
+import solidtouch as st
+
+NAMES = [
+    "root-j",
+    "fit",
+    "tables",
+    "near-ties",
+    "ties",
+    "impossible-later",
+    "bins-of-each-taxel",
+    "shift-uniform-holes",
+]
+
+
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("small") / "kit"
+    st.conformance.export(folder, NAMES)
+    return folder
+
+
+@pytest.fixture
+def copy(small, tmp_path):
+    return shutil.copytree(small, tmp_path / "copy")
+
+
+def edit(folder, name, change):
+    """Changes a JSON file of a kit, and its checksum."""
+    path = folder / name
+    whole = json.loads(path.read_text())
+    change(whole)
+    path.write_text(json.dumps(whole))
+    (folder / "SHA256SUMS").unlink()
+    write_sums(folder)
+
+
+def right(case):
+    return st.conformance.expected(case.name)
+
+
+def test_cases_come_back_as_they_were(exported):
+    """With their answers, tolerances and allowed choices, every number the same double."""
+    read = read_kit(exported)
+
+    assert (read.version, [*read.cases]) == (KIT_VERSION, [*catalogue()])
+    for name, case in catalogue().items():
+        given = read.cases[name]
+        answers = expected(case)
+        bounds = tolerances(case, answers, "double")
+        assert [*given.lines()] == [*case.lines()]
+        assert (given.level, given.about, given.equations, given.answered) == (
+            case.level,
+            case.about,
+            case.equations,
+            case.answered,
+        )
+        assert tolerances(given, expected(given), "double") == bounds
+        for one, other in zip(expected(given), answers, strict=True):
+            assert one.line(name) == other.line(name)
+            if "decisions" in other.values:
+                assert allowed_decisions(given, one, bounds["what"]) == allowed_decisions(case, other, bounds["what"])
+                assert allowed_moves(given, one, bounds["where"]) == allowed_moves(case, other, bounds["where"])
+
+
+def test_engines_and_programs_pass_a_pinned_kit(small, program):
+    assert st.conformance.run_engine("numpy", kit=small).passed
+    report = st.conformance.run_program([str(word) for word in program], kit=small)
+
+    assert report.passed
+    assert [*report.found] == NAMES
+
+
+def test_the_answers_of_the_folder_count(copy):
+    """Those of this version do not, nor do its tolerances and choices."""
+
+    def change(whole):
+        whole["expected"][0]["what"][0] += 0.25
+        whole["tolerances"]["where"]["absolute"] = 9.0
+        whole["expected"][1]["allowed_moves"] = [whole["expected"][1]["move"], 77]
+
+    edit(copy, "root-j.json", change)
+
+    def wide(case):
+        answers = right(case)
+        answers[1] |= {"where": answers[1]["where"] + 5, "move": 77}
+        return answers
+
+    found = st.conformance.run(right, ["root-j", "ties"], kit=copy).found
+    assert (found["root-j"].status, found["root-j"].tap, found["root-j"].quantity) == ("differs", 1, "what")
+    assert found["ties"].status == "pass"
+    assert st.conformance.expected("root-j", copy)[0]["what"][0] == right(catalogue()["root-j"])[0]["what"][0] + 0.25
+    edit(
+        copy,
+        "root-j.json",
+        lambda whole: whole["expected"][0].update(what=right(catalogue()["root-j"])[0]["what"].tolist()),
+    )
+    assert st.conformance.run(wide, ["root-j"], kit=copy).passed
+    assert not st.conformance.run(wide, ["root-j"]).passed
+
+
+def test_causes_are_found_in_a_pinned_kit(small):
+    def wrong(case):
+        for answer in right(case):
+            yield answer | {"move": -answer["move"]} if "move" in answer else answer
+
+    report = st.conformance.run(wrong, ["root-j"], kit=small)
+    assert report.found["root-j"].cause == "move-sign"
+
+
+def test_a_level_is_claimed_of_the_whole_kit_only(small, copy):
+    """A folder with some of its cases says how many there are."""
+    assert st.conformance.run(right, kit=small).sentences[-1] == (
+        f"Conformance kit {KIT_VERSION}: core: 53 of 60 not asked; borders: 38 of 39 not asked."
+    )
+    edit(copy, "index.json", lambda whole: whole.update(kit="0.9.1", levels={"core": 7, "borders": 1}))
+    assert st.conformance.run(right, kit=copy).sentences[-1] == "Conformance kit 0.9.1: passes core, borders."
+
+
+def test_cases_of_a_folder_are_chosen_and_listed(small):
+    assert [case.name for case in st.conformance.cases(levels=["borders"], kit=small)] == ["shift-uniform-holes"]
+    (case,) = st.conformance.cases("fit", kit=small)
+    np.testing.assert_array_equal(case.training.taps, catalogue()["fit"].training.taps)
+    with pytest.raises(st.InputError, match="--case one-bin: there is no such case"):
+        st.conformance.cases("one-bin", kit=small)
+
+
+def test_a_folder_is_for_one_precision(small, tmp_path):
+    st.conformance.export(tmp_path / "single", ["root-j"], precision="single")
+
+    assert st.conformance.run(right, kit=tmp_path / "single", precision="single").passed
+    with pytest.raises(st.InputError, match="its tolerances are for --precision double, not single"):
+        st.conformance.run(right, kit=small, precision="single")
+
+
+def damage(name):
+    return lambda folder: (folder / name).write_bytes((folder / name).read_bytes()[:-2])
+
+
+def lose(name):
+    return lambda folder: (folder / name).unlink()
+
+
+def edited(name, **values):
+    return lambda folder: edit(folder, name, lambda whole: whole.update(values))
+
+
+@pytest.mark.parametrize(
+    ("harm", "sentence"),
+    [
+        (shutil.rmtree, "copy: not a folder."),
+        (lose("SHA256SUMS"), "copy: incomplete: SHA256SUMS is missing."),
+        (lose("root-j.json"), "copy: incomplete: root-j.json is missing, which SHA256SUMS lists."),
+        (damage("fit.jsonl"), "copy: damaged: fit.jsonl differs from its checksum in SHA256SUMS."),
+        (lambda folder: (folder / "SHA256SUMS").write_text("x\n"), "damaged: line 1 of SHA256SUMS is no checksum"),
+        (lambda folder: (folder / "SHA256SUMS").write_bytes(b"\xff"), "damaged: SHA256SUMS cannot be read"),
+        (
+            lambda folder: (folder / "SHA256SUMS").write_text(f"{'0' * 64}  ../x\n"),
+            "damaged: line 1 of SHA256SUMS is no checksum",
+        ),
+        (edited("index.json", format=2), "index.json has format 2, this version of solidtouch reads 1; a newer one"),
+        (edited("fit.json", format=2), "fit.json has format 2, this version of solidtouch reads 1; a newer one"),
+        (edited("index.json", cases=3), "index.json is not of format 1: Expected `array`, got `int` - at `$.cases`."),
+        (
+            lambda folder: edit(folder, "index.json", lambda whole: whole["cases"][0].update(level="smell")),
+            f"kit {KIT_VERSION} has level 'smell', which this version of solidtouch does not know; a newer one does.",
+        ),
+        (
+            lambda folder: edit(folder, "index.json", lambda whole: whole["cases"][0].update(case="../root-j")),
+            "incomplete: ../root-j.json is not in its checksums.",
+        ),
+        (
+            edited("root-j.json", prior=[[1.0]]),
+            "not of format 1: prior has shape [1, 1] instead of [5, 3].",
+        ),
+        (edited("root-j.json", prior=[[1.0], [0.5, 0.5]]), "root-j.json is not of format 1: "),
+        (edited("root-j.json", border="open"), "root-j.json is not of format 1: Invalid enum value 'open'"),
+        (edited("root-j.json", expected=[{"tap": 1, "posterior": [[1]]}]), "posterior of shape [1, 1], [5, 3] is due."),
+        (edited("root-j.json", expected=[{}]), "root-j.json is not of format 1: 'tap'."),
+    ],
+)
+def test_a_damaged_incomplete_or_newer_kit_is_refused_in_a_sentence(copy, harm, sentence):
+    harm(copy)
+    with pytest.raises(st.InputError) as error:
+        st.conformance.run(right, kit=copy)
+
+    assert str(error.value).startswith(f"--kit {copy.parent}")
+    assert sentence in str(error.value)
