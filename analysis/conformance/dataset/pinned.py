@@ -49,7 +49,7 @@ class _Tap(msgspec.Struct):
     samples: list[list[float]]
 
 
-class _Training(msgspec.Struct):
+class _TrainingTaps(msgspec.Struct):
     """Training taps of a case."""
 
     taps: list[list[list[float]]]
@@ -91,7 +91,7 @@ class _CaseFile(msgspec.Struct):
     counts: list[list[list[list[int]]]] | None = None
     pseudocount: float = 0.01
     probabilities: list[list[list[list[float]]]] | None = None
-    training: _Training | None = None
+    training: _TrainingTaps | None = None
 
 
 def read_kit(folder: str | Path) -> Kit:
@@ -203,6 +203,6 @@ def _edges(whole: _CaseFile) -> NDArray[np.float64] | None:
     return _array("edges", array, (whole.K, whole.B + 1) if array.ndim == 2 else (whole.B + 1,))
 
 
-def _training(training: _Training, shape: tuple[int, int]) -> Training:
+def _training(training: _TrainingTaps, shape: tuple[int, int]) -> Training:
     taps = _array("training", training.taps, (len(training.taps), *shape))
     return Training(taps, np.array(training.where), np.array(training.what))

@@ -250,7 +250,7 @@ def test_the_cause_that_explains_most_is_named_last():
             replace(a, values={**a.values, "move": -a.values["move"]}) if a.error is None else a
             for a in expected(catalogue()[name])
         ]
-    verdicts = with_causes([judge(catalogue()[name], answers[name], "double") for name in names], "double")
+    verdicts = with_causes([judge(catalogue()[name], answers[name], "double") for name in names], catalogue(), "double")
     lines, fine = summary(verdicts)
 
     assert not fine
@@ -261,8 +261,8 @@ def test_a_mistake_with_which_other_cases_would_fail_is_no_cause():
     """A program that never moves looks in one case as if it counted from 1; in another it does not."""
     wrong, right = catalogue()["root-j"], catalogue()["move-undone"]
     still = [replace(a, values={**a.values, "move": 0}) for a in expected(wrong)]
-    alone = with_causes([judge(wrong, still, "double")], "double")
-    both = with_causes([judge(wrong, still, "double"), judge(right, expected(right), "double")], "double")
+    alone = with_causes([judge(wrong, still, "double")], catalogue(), "double")
+    both = with_causes([judge(wrong, still, "double"), judge(right, expected(right), "double")], catalogue(), "double")
 
     assert [verdict.cause for verdict in alone] == ["one-based"]
     assert [verdict.cause for verdict in both] == ["", ""]
@@ -270,7 +270,7 @@ def test_a_mistake_with_which_other_cases_would_fail_is_no_cause():
 
 def test_what_no_mistake_explains_has_no_cause():
     answers = changed(CASE, 3, log_evidence=123.0)
-    verdict = with_causes([judge(CASE, answers, "double")], "double")[0]
+    verdict = with_causes([judge(CASE, answers, "double")], catalogue(), "double")[0]
 
     assert verdict.cause == ""
     assert described(verdict).startswith("DIFFERS tap 3: log_evidence is 123 instead of")
