@@ -6,7 +6,7 @@ PY := $(VENV)/bin/python
 # Files of tests on all cores, but not on so many that memory runs short, in the order of tests/conftest.py.
 SIDE_BY_SIDE := -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
-.PHONY: docs docs-check man run test test-times test-all check format bench bench-cluster bench-quick studies audit-studies interval-studies results reference-studies strategy-studies fuzz faults firmware kills mutants house peers rig-demo lock clean help
+.PHONY: docs docs-check man run test test-times test-all check format bench bench-cluster bench-quick studies audit-studies interval-studies results reference-studies strategy-studies fuzz faults firmware kills mutants house peers rig-demo citation lock clean help
 
 run: $(VENV)/.ready-run
 	@$(VENV)/bin/solidtouch reproduce
@@ -129,6 +129,10 @@ man: $(VENV)/.ready-run
 rig-demo: $(VENV)/.ready-run
 	@PATH="$(CURDIR)/$(VENV)/bin:$$PATH" docs/examples/rig-demo.sh
 
+# In an environment of its own, as cffconvert requires older packages than the tests do.
+citation: $(VENV)/.ready-dev
+	@$(PY) -m uv tool run cffconvert --validate
+
 # Pins every dependency for Python 3.12 to 3.14, on every platform, without addresses.
 lock: $(VENV)/.ready-dev
 	@$(PY) -m uv pip compile pyproject.toml --group dev --group docs --universal --python-version 3.12 --upgrade --quiet \
@@ -163,6 +167,7 @@ help:
 	@echo "make house   print sizes and shape of the code; VERSION=REVISION measures another version, as far as nothing has to run"
 	@echo "make peers   run checks of scikit-learn on TapClassifier, into docs/how-to/scikit-learn.md"
 	@echo "make fuzz    feed the decoders a million random and mutated inputs, the readers 1000 damaged files of each format (FILES=), the commands 10 damaged lines of each of 29 (LINES=)"
+	@echo "make citation  check CITATION.cff by cffconvert, which is downloaded"
 	@echo "make lock    pin the newest dependencies in constraints.txt"
 	@echo "make clean   remove generated files"
 
