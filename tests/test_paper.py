@@ -23,7 +23,7 @@ SECTIONS = (
     "Acknowledgements",
     "References",
 )
-"""Required by the Journal of Open Source Software (docs/paper.md of openjournals/joss, May 2026)."""
+"""Required by the Journal of Open Source Software, by its instructions for authors of May 2026."""
 
 
 def entries():
