@@ -116,6 +116,7 @@ house: $(VENV)/.ready-run
 
 peers: $(VENV)/.ready-dev
 	@SCIPY_ARRAY_API=1 $(PY) -m benchmarks.peers.estimator --document docs/how-to/scikit-learn.md
+	@$(PY) -m benchmarks.peers.compare --document docs/explanation/peers.md
 
 docs: $(VENV)/.ready-docs
 	@$(PY) -m benchmarks.site.build
@@ -165,7 +166,7 @@ help:
 	@echo "make kills   kill data collections and all long commands at random moments, fill their disks, start them twice; two hours"
 	@echo "make mutants  plant small errors and count those that tests notice, into docs/explanation/mutants.md; hours, resumes"
 	@echo "make house   print sizes and shape of the code; VERSION=REVISION measures another version, as far as nothing has to run"
-	@echo "make peers   run checks of scikit-learn on TapClassifier, into docs/how-to/scikit-learn.md"
+	@echo "make peers   run examples of other packages and checks of scikit-learn, into docs/explanation/peers.md and docs/how-to/scikit-learn.md"
 	@echo "make fuzz    feed the decoders a million random and mutated inputs, the readers 1000 damaged files of each format (FILES=), the commands 10 damaged lines of each of 29 (LINES=)"
 	@echo "make citation  check CITATION.cff by cffconvert, which is downloaded"
 	@echo "make lock    pin the newest dependencies in constraints.txt"
