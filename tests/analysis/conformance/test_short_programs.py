@@ -2,7 +2,7 @@
 
 import pytest
 from foreign_programs import FOLDER, SHORT_PROGRAMS, lines_of, play, random_case
-from solidtouch.analysis.conformance.report import run_program
+from solidtouch.analysis.conformance.front import run_program
 
 
 @pytest.fixture(scope="module", params=SHORT_PROGRAMS)

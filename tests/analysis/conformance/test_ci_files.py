@@ -1,0 +1,91 @@
+"""The GitHub action and the container of docs/reference/conformance."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import pytest
+import yaml
+from foreign_programs import FOLDER
+
+ACTION = yaml.safe_load((FOLDER / "action.yml").read_text(encoding="utf-8"))
+STEPS = {step.get("name", step.get("uses")): step for step in ACTION["runs"]["steps"]}
+CONTAINER = (FOLDER / "Containerfile").read_text(encoding="utf-8")
+
+
+def test_the_action_is_one():
+    """Each input is described and used, and every value of an input comes by the environment."""
+    text = json.dumps(ACTION["runs"])
+
+    assert ACTION["runs"]["using"] == "composite"
+    assert {"name", "description"} <= set(ACTION)
+    assert set(re.findall(r"\$\{\{ inputs\.(\w+) \}\}", text)) == set(ACTION["inputs"])
+    for given in ACTION["inputs"].values():
+        assert given["description"]
+        assert given.get("required", False) != ("default" in given)
+    for step in STEPS.values():
+        assert "shell" in step if "run" in step else re.fullmatch(r"[\w/-]+@v\d+", step["uses"])
+        assert "${{" not in step.get("run", "")
+
+
+@pytest.mark.parametrize(
+    ("levels", "suites", "kit"),
+    [
+        ("episodes", ["episodes"], False),
+        pytest.param("", ["core", "episodes", "borders", "limits"], True, marks=pytest.mark.slow),
+    ],
+)
+def test_the_step_of_the_action_checks_and_reports(tmp_path, solid_c, exported, levels, suites, kit):
+    """As bash runs it on a machine of GitHub; a program that answers nothing ends it with exit code 1."""
+    for command, code in ((str(solid_c[0]), 0), ("true", 1)):
+        done = check(tmp_path, command=command, levels=levels, kit=str(exported) if kit else "")
+        report = ET.parse(tmp_path / "report.xml").getroot()  # noqa: S314 - it was written here
+
+        assert (done.returncode, "cases pass" in done.stdout) == (code, True), done.stderr
+        assert [suite.get("name") for suite in report] == suites
+        assert report.get("failures") == ("0" if code == 0 else report.get("tests"))
+
+
+def check(tmp_path, **inputs):
+    """The step that checks, with these inputs."""
+    if (bash := shutil.which("bash")) is None:
+        pytest.skip("there is no bash")
+    inputs = {name: given.get("default", "") for name, given in ACTION["inputs"].items()} | inputs
+    inputs |= {"report": str(tmp_path / "report.xml")}
+    step = STEPS["Check"]
+    given = {name: inputs[re.search(r"inputs\.(\w+)", value)[1]] for name, value in step["env"].items()}
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    return subprocess.run(
+        [bash, "-eo", "pipefail", "-c", step["run"]],
+        env=os.environ | given | {"PATH": path},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def test_the_container_runs_the_command_as_a_user():
+    """And not as root; its words are those of an installed wheel."""
+    words = dict(line.split(" ", 1) for line in CONTAINER.splitlines() if re.match("[A-Z]+ ", line))
+
+    assert json.loads(words["ENTRYPOINT"]) == ["solidtouch", "conformance"]
+    assert words["USER"] in re.search(r"useradd --create-home (\w+)", CONTAINER)[1]
+    assert words["COPY"].startswith("solidtouch-*.whl ")
+    assert words["FROM"].endswith("-slim")
+
+
+def test_the_page_shows_how_to_use_them():
+    """The snippets of GitHub and GitLab are YAML with the inputs of the action."""
+    page = (FOLDER / "README.md").read_text(encoding="utf-8")
+    github, gitlab = (yaml.safe_load(block) for block in re.findall(r"```yaml\n(.*?)```", page, flags=re.DOTALL))
+    (step,) = github
+
+    assert {"action.yml", "Containerfile"} <= set(re.findall(r"\]\((action\.yml|Containerfile)\)", page))
+    assert set(step["with"]) <= set(ACTION["inputs"])
+    assert {name for name, given in ACTION["inputs"].items() if given.get("required")} <= set(step["with"])
+    assert gitlab["conformance"]["artifacts"]["reports"]["junit"] in gitlab["conformance"]["script"][-1]
