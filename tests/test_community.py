@@ -1,6 +1,7 @@
-"""Files for people who contribute or cite: what they say of the code is there, and machines can read them."""
+"""Files for people who contribute, cite or review: what they say of the code is there, and machines can read them."""
 
 import re
+from collections import Counter
 from pathlib import Path
 
 import pytest
@@ -59,3 +60,15 @@ def test_contributing_fits_on_a_screen_and_names_what_the_code_has():
         assert name in text
         assert name in read(file)
     assert "_OPENERS" in read("models/io/layouts/formats/registry.py")
+
+
+def test_the_review_page_counts_its_items_and_names_files_that_exist():
+    text = read("docs/reference/review-checklist.md")
+    stands = Counter(re.findall(r"^\| .+? \| (\w+) \| .+ \|$", text, flags=re.MULTILINE))
+    counts = {"met": "are met,", "partly": "are met partly", "fails": "fail,", "authors": "are for the authors"}
+
+    del stands["stands"]
+    assert set(stands) == set(counts)
+    assert f"Of {stands.total()} items" in text
+    assert [word for name, word in counts.items() if f"{stands[name]} {word}" not in text] == []
+    assert [name for name in re.findall(r"`([\w./-]+/[\w.-]+)`", text) if not (ROOT / name).exists()] == []
