@@ -6,19 +6,52 @@ PY := $(VENV)/bin/python
 # Files of tests on all cores, but not on so many that memory runs short, in the order of tests/conftest.py.
 SIDE_BY_SIDE := -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
-.PHONY: docs docs-check man run test test-times test-all check format bench bench-cluster bench-quick studies audit-studies interval-studies results reference-studies strategy-studies fuzz faults firmware kills mutants house peers rig-demo citation lock clean help
+.PHONY: docs docs-check man setup run test test-times test-all test-lowest test-newest dist dist-check sdist-test wheel-test container check format bench bench-cluster bench-quick studies audit-studies interval-studies results reference-studies strategy-studies fuzz faults firmware kills mutants house peers rig-demo citation lock clean help
+
+setup: $(VENV)/.ready-dev
 
 run: $(VENV)/.ready-run
 	@$(VENV)/bin/solidtouch reproduce
 
 test: $(VENV)/.ready-dev
-	@$(PY) -m pytest -m "not slow" $(SIDE_BY_SIDE)
+	@$(PY) -m pytest -m "not slow" $(SIDE_BY_SIDE) $(TESTS)
 
 test-times: $(VENV)/.ready-dev
 	@$(PY) -m pytest -m "not slow" --durations=20 --durations-min=0 $(SIDE_BY_SIDE)
 
 test-all: $(VENV)/.ready-dev
 	@$(PY) -m pytest
+
+dist: $(VENV)/.ready-dist
+	@rm -rf build/lib build/bdist.* dist
+	@$(PY) -m build --outdir dist . >/dev/null
+
+# The source distribution holds every file of the repository.
+dist-check: dist
+	@$(PY) -m twine check --strict dist/*
+	@$(PY) -m check_wheel_contents dist/*.whl
+	@mkdir -p build && git ls-files | sort > build/tracked
+	@tar -tf dist/*.tar.gz | cut -d/ -f2- | sort | comm -23 build/tracked - > build/not-packed
+	@! grep . build/not-packed
+
+# The default tests in the unpacked source distribution, in an environment of its own; TESTS= as above.
+sdist-test: dist
+	@rm -rf build/sdist && mkdir -p build/sdist && tar -xf dist/*.tar.gz -C build/sdist --strip-components 1
+	@$(MAKE) -C build/sdist test TESTS="$(TESTS)"
+
+wheel-test:
+	@rm -rf build/wheel-test
+	@./.ci/try-wheel build/wheel-test
+
+container:
+	docker build --file packaging/Dockerfile --tag solidtouch .
+
+# With the oldest direct dependencies that pyproject.toml allows and with the newest; TESTS= chooses files and folders.
+test-lowest test-newest: $(VENV)/.ready-dev
+	@$(PY) -m uv venv --quiet --clear --python $(or $(PYTHON),3.12) build/$@
+	@$(PY) -m uv pip install --quiet --python build/$@ --resolution $(if $(findstring lowest,$@),lowest-direct,highest) \
+		-e '.[all]' --group dev
+	@build/$@/bin/python -m pytest -m "not slow" $(SIDE_BY_SIDE) $(TESTS)
 
 check: $(VENV)/.ready-dev
 	@$(PY) -m ruff check .
@@ -136,7 +169,7 @@ citation: $(VENV)/.ready-dev
 
 # Pins every dependency for Python 3.12 to 3.14, on every platform, without addresses.
 lock: $(VENV)/.ready-dev
-	@$(PY) -m uv pip compile pyproject.toml --group dev --group docs --universal --python-version 3.12 --upgrade --quiet \
+	@$(PY) -m uv pip compile pyproject.toml --all-extras --group dev --group docs --group dist --universal --python-version 3.12 --upgrade --quiet \
 		--no-header --no-annotate --output-file constraints.txt
 
 clean:
@@ -144,9 +177,16 @@ clean:
 
 help:
 	@echo "make run     reproduce the paper, half a minute"
-	@echo "make test    run the tests except the slow ones; the first run compiles what later ones find in build/xla"
+	@echo "make setup   set up .venv for the tests, without running any"
+	@echo "make test    run the tests except the slow ones; the first run compiles what later ones find in build/xla; TESTS= names files and folders"
 	@echo "make test-times  the same, and list the 20 slowest"
 	@echo "make test-all  run all tests, including whole commands, clusters and emulated rigs"
+	@echo "make test-lowest  run the default tests with the oldest dependencies that pyproject.toml allows, on Python 3.12 (PYTHON=)"
+	@echo "make test-newest  the same with the newest"
+	@echo "make dist    build the source distribution and the wheel in dist; dist-check checks what they hold"
+	@echo "make sdist-test  run the default tests in the unpacked source distribution"
+	@echo "make wheel-test  install the wheel alone, without extras, and run commands; two minutes"
+	@echo "make container  build the container image, by packaging/Dockerfile"
 	@echo "make check   check lint, format, types and import layers"
 	@echo "make format  fix lint and format"
 	@echo "make bench   time kernels and commands, into docs/reference/performance.md; BEFORE=DIR adds an older checkout; bench-quick is a trial"
@@ -181,6 +221,11 @@ $(VENV)/.ready-run: pyproject.toml constraints.txt
 $(VENV)/.ready-dev: $(VENV)/.ready-run
 	@echo "Installing what the tests need into $(VENV) ..."
 	@./.ci/install $(VENV) --group dev
+	@touch $@
+
+$(VENV)/.ready-dist: $(VENV)/.ready-dev
+	@echo "Installing what checks of the package need into $(VENV) ..."
+	@./.ci/install $(VENV) --group dist
 	@touch $@
 
 $(VENV)/.ready-docs: $(VENV)/.ready-run

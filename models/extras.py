@@ -1,5 +1,6 @@
-"""Packages that come with an extra of this one, so that not every installation has them."""
+"""What not every installation has: packages that come with an extra of this one, and modules that Windows lacks."""
 
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import NamedTuple
@@ -54,3 +55,19 @@ def extra(module: str) -> Iterator[None]:
         yield
     except ModuleNotFoundError as error:
         raise InputError(missing(module)) from error
+
+
+@contextmanager
+def posix(use: str) -> Iterator[None]:
+    """Imports of modules of Python that Windows lacks.
+
+    Args:
+        use: What needs them, the subject of a sentence.
+
+    Raises:
+        InputError: This system lacks them.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        raise InputError(f"{use} needs Linux or macOS; this is {sys.platform}.") from error

@@ -8,7 +8,6 @@ cells do not exist, so that listing a folder tells the state of all cells.
 Only one program may write at a time, which a lock on `zarr.json` sees to.
 """
 
-import fcntl
 import json
 import os
 import shutil
@@ -24,9 +23,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...models.errors import InputError
+from ...models.extras import posix
 from ..stats import tallied
 from ..tasks.task import Outcome
 from .cells import AXES, CellGrid
+
+with posix("A sweep"):
+    import fcntl
 
 QUANTITIES = tallied.QUANTITIES | {
     "trials": "number of trials, the same at every threshold",

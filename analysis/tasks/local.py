@@ -74,13 +74,10 @@ class _Worker:
         self._data = ""
         self.pipe, other = context.Pipe()
         self._process = context.Process(target=_work, args=(other, work), daemon=True)
-        # Ctrl-C reaches every process of a terminal; what to do about it is decided here alone.
-        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
-            with _another_main():
+            with _without_interrupts(), _another_main():
                 self._process.start()
         finally:
-            signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
             other.close()
 
     @property
@@ -114,6 +111,19 @@ class _Worker:
         self.pipe.close()
         self._process.close()
         return code
+
+
+@contextmanager
+def _without_interrupts() -> Iterator[None]:
+    """Processes that start inside ignore Ctrl-C, which reaches all of a terminal; it is dealt with here alone."""
+    if not hasattr(signal, "pthread_sigmask"):  # on Windows
+        yield
+        return
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
 
 
 @contextmanager

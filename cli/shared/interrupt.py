@@ -14,6 +14,8 @@ INTERRUPTED = 130  # exit code, as in shells and Typer
 TERMINATED = 143
 MESSAGE = "solidtouch: interrupted; no file is left incomplete."
 _AGAIN_S = 0.05
+_HAS_TIMER = hasattr(signal, "SIGALRM")
+"""Windows lacks it; there an interruption that a library swallows is not repeated."""
 
 
 @contextmanager
@@ -67,15 +69,16 @@ def repeated() -> Iterator[None]:
         if not isinstance(unraisable.exc_value, _Interrupted | _Terminated):
             report(unraisable)
 
-    before = signal.signal(signal.SIGALRM, _again), signal.signal(signal.SIGINT, _stop)
+    handlers = {signal.SIGINT: _stop} | ({signal.SIGALRM: _again} if _HAS_TIMER else {})
+    before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
     sys.unraisablehook = hook
     try:
         yield
     finally:
         _forget()
         sys.unraisablehook = report
-        signal.signal(signal.SIGINT, before[1])
-        signal.signal(signal.SIGALRM, before[0])
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 @contextmanager
@@ -92,7 +95,7 @@ _last: list[tuple[int, Callable[[], BaseException | None]]] = []
 def _stop(signum: int, frame: FrameType | None) -> None:  # noqa: ARG001 - the signature of a signal handler
     error = _Interrupted() if signum == signal.SIGINT else _Terminated(TERMINATED)
     _last[:] = [(signum, weakref.ref(error))]
-    if signal.getsignal(signal.SIGALRM) is _again:
+    if _HAS_TIMER and signal.getsignal(signal.SIGALRM) is _again:
         signal.setitimer(signal.ITIMER_REAL, _AGAIN_S, _AGAIN_S)
     try:
         raise error
@@ -108,4 +111,5 @@ def _again(signum: int, frame: FrameType | None) -> None:  # noqa: ARG001 - the 
 
 def _forget() -> None:
     _last.clear()
-    signal.setitimer(signal.ITIMER_REAL, 0)
+    if _HAS_TIMER:
+        signal.setitimer(signal.ITIMER_REAL, 0)

@@ -3,13 +3,16 @@
 import os
 import select
 import sys
-import termios
 from collections.abc import Callable
 from contextlib import suppress
 
 from ...hardware.emulator.shared_clock import Connection
 from ...hardware.recording.plan import ObjectSettings
 from ...models.errors import InputError
+from ...models.extras import posix
+
+with posix("A rig"):
+    import termios
 
 
 class Person:

@@ -1,11 +1,12 @@
 """`--view` and `--save-episode`: episodes of a live command on a page and in a file."""
 
+import _thread
+import signal
 import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from signal import SIGINT, pthread_kill
 from typing import TYPE_CHECKING, NamedTuple
 
 from ...models.errors import InputError
@@ -134,8 +135,10 @@ def served_out(server: "PageServer", shown: "Show", opened: bool) -> None:
 def stop_program() -> None:
     """Interrupts the program as Ctrl-C does, from another thread."""
     main = threading.main_thread().ident
-    if main is not None:
-        pthread_kill(main, SIGINT)
+    if main is not None and hasattr(signal, "pthread_kill"):  # which also ends what the thread waits for
+        signal.pthread_kill(main, signal.SIGINT)
+    else:
+        _thread.interrupt_main()
 
 
 @contextmanager

@@ -4,14 +4,17 @@ Only the device's end is kept open, so the system reports whether a program has 
 bytes as a UART does, and unread bytes are lost when the program closes the port.
 """
 
-import fcntl
 import os
 import select
-import tty
 from contextlib import suppress
 from pathlib import Path
 
 from ...models.errors import InputError
+from ...models.extras import posix
+
+with posix("An emulated device"):
+    import fcntl
+    import tty
 
 _PATIENCE_MS = 200
 """Longest real time in milliseconds for expected bytes to pass through the system; they need less than one."""

@@ -8,7 +8,6 @@ The line splitter reads no port: bytes are pushed in, complete lines come out.
 
 import errno
 import re
-import termios
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -17,13 +16,17 @@ from typing import TYPE_CHECKING, NamedTuple
 from ...models.extras import extra
 from ..errors import PortBusy, PortError, PortLost, WriteTimeout
 
+try:
+    from termios import error as terminal_error
+except ModuleNotFoundError:  # on Windows
+    terminal_error = OSError
 if TYPE_CHECKING:
     import serial
 
 WRITE_TIMEOUT_S = 1.0
 """Write timeout in seconds. Commands are shorter than 100 bytes, which take 9 ms at 115200 baud."""
 
-_LOST = (OSError, termios.error, TypeError)
+_LOST = (OSError, terminal_error, TypeError)
 """Exceptions of the system when a device disappears, from which pySerial derives its own; a read in progress may even
 meet a None file."""
 _MOST_BYTES = 65536

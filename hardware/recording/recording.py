@@ -5,7 +5,6 @@ so it survives a power failure. While a finger may be pressing, a full disk rais
 lift the finger; the next `press` or `tap` raises the error.
 """
 
-import fcntl
 import os
 import shutil
 import time
@@ -22,7 +21,7 @@ import numpy as np
 from msgspec import UNSET, Struct
 
 from ...models.errors import InputError
-from ...models.extras import extra
+from ...models.extras import extra, posix
 from ...models.io.rig_reader import Entry, RecordingReader
 from ...models.io.rig_recording import (
     TOPICS,
@@ -41,6 +40,8 @@ from ..rig.deferred_signals import signals_deferred
 from ..rig.settings import RigFile
 from ..skin.skin import SkinFrame
 
+with posix("A recording of a rig"):
+    import fcntl
 with extra("mcap"):
     from mcap.writer import CompressionType, Writer
 

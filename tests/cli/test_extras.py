@@ -1,4 +1,4 @@
-"""Without the extras of pyproject.toml commands run, and what needs one says which."""
+"""Commands run without the extras of pyproject.toml and without what Windows lacks, and what needs that says so."""
 
 import json
 import re
@@ -29,6 +29,15 @@ for sys.argv[1:] in json.loads(sys.argv[2]):
 def names(requirements):
     """Packages of a list of requirements, without their versions."""
     return {re.split(r"[><=\[; ]", line)[0] for line in requirements}
+
+
+def ended(blocked, lines, before=""):
+    """Exit code and what each command printed, in a process that lacks modules."""
+    words = json.dumps(blocked), json.dumps([list(map(str, line)) for line in lines])
+    program = [sys.executable, "-c", before + BARE, *words]
+    done = subprocess.run(program, capture_output=True, text=True, check=False, timeout=300)
+    assert done.returncode == 0, done.stderr
+    return dict(zip(lines, map(json.loads, done.stdout.splitlines()), strict=True))
 
 
 def test_each_package_of_an_extra_is_listed_where_pyproject_has_it():
@@ -67,13 +76,48 @@ def test_without_extras_commands_run_or_name_the_extra(taps_file, tmp_path):
         ("collect", rig, rig.with_name("plan.toml"), "--out", tmp_path / "new.mcap"): "mcap",
         ("strategies", "--scheduler", "tcp://127.0.0.1:1"): "distributed",
     }
-    blocked, words = json.dumps([*EXTRAS, "dask"]), json.dumps([list(map(str, line)) for line in lines])
-    done = subprocess.run(
-        [sys.executable, "-c", BARE, blocked, words], capture_output=True, text=True, check=True, timeout=120
-    )
-
-    ends = dict(zip(lines, map(json.loads, done.stdout.splitlines()), strict=True))
+    ends = ended([*EXTRAS, "dask"], lines)
     for line, needed in lines.items():
         code, said = ends[line]
         assert code == (2 if needed else 0), (line, said)
         assert (missing(needed) in " ".join(said.split())) if needed else "needs" not in said, (line, said)
+
+
+POSIX = """
+import os, select, signal
+import asyncio, concurrent.futures.process, multiprocessing.popen_fork, shutil, tempfile  # these check the system
+import jax, tornado.httpserver, zarr
+for module, names in {
+    os: "fork forkpty openpty killpg getpgid setsid setpgid mkfifo",
+    select: "poll epoll",
+    signal: "SIGALRM SIGHUP SIGKILL SIGUSR1 setitimer getitimer ITIMER_REAL pthread_sigmask pthread_kill sigwait",
+}.items():
+    for name in names.split():
+        if hasattr(module, name):
+            delattr(module, name)
+"""
+
+
+@pytest.mark.slow
+def test_without_posix_commands_run_or_say_that_they_need_it(tmp_path):
+    """As on Windows, but for paths and files, which behave as here."""
+    data, model = tmp_path / "data", tmp_path / "model.nc"
+    taps = data / "session-0.nc", data / "session-1.nc"
+    rig = Path(__file__).parents[2] / "docs/examples/rig.toml"
+    lines = {
+        ("simulate", "--out", data): True,
+        ("inspect", taps[1]): True,
+        ("fit", *taps, "--out", model): True,
+        ("perceive", model, "--deadline", 5): True,
+        ("trials", model, taps[1], "--trials", 1000): True,
+        ("reproduce", "--quick", "--out", tmp_path / "report"): True,
+        ("emulate", "--out", tmp_path / "emulated"): False,
+        ("sweep", rig.with_name("study.toml"), "--out", tmp_path / "study.zarr"): False,
+        ("collect", rig, rig.with_name("plan.toml"), "--out", tmp_path / "new.mcap"): False,
+    }
+    ends = ended(["fcntl", "grp", "pwd", "pty", "resource", "termios", "tty"], lines, POSIX)
+
+    for line, runs in lines.items():
+        code, said = ends[line]
+        assert code == (0 if runs else 2), (line, said)
+        assert runs or "needs Linux or macOS" in said, (line, said)
