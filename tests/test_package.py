@@ -81,10 +81,10 @@ def test_on_an_index_no_link_of_the_readme_is_dead(description):
 
 
 def test_on_an_index_links_lead_to_a_repository_that_is_known(description):
-    page = "![a](docs/a.svg) [b](docs/b.md#c) [d](https://e.org)\n\n```sh\n[f](g)\n```"
+    page = "![a](pages/a.svg) [b](pages/b.md#c) [d](https://e.org)\n\n```sh\n[f](g)\n```"
 
     assert description(page, "https://r.org/s", "v1") == (
-        "![a](https://r.org/s/raw/v1/docs/a.svg) [b](https://r.org/s/blob/v1/docs/b.md#c) [d](https://e.org)"
+        "![a](https://r.org/s/raw/v1/pages/a.svg) [b](https://r.org/s/blob/v1/pages/b.md#c) [d](https://e.org)"
         "\n\n```sh\n[f](g)\n```"
     )
     assert description(page) == " b [d](https://e.org)\n\n```sh\n[f](g)\n```"
