@@ -26,7 +26,8 @@ Levels = Annotated[
     Option(
         "--level",
         metavar="LEVEL",
-        help="Cases of this level, with those of --case: core, episodes, borders or limits; repeatable. Default: all.",
+        help="Cases of this level, with those of --case: core, episodes, borders, limits or continuous; repeatable. "
+        "Default: all; in check, all but continuous.",
     ),
 ]
 KitFolder = Annotated[

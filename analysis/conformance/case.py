@@ -19,8 +19,11 @@ LEVELS = {
     "episodes": "whole episodes: all equations together, tap after tap, with border uniform",
     "borders": "the other readings of Eq. 9, and untrained classes",
     "limits": "the limits of floating point: up to 10 000 taps, beliefs below 1e-308, moves with any border",
+    "continuous": "normal distributions in place of histograms",
 }
 """Names and what they are about, from simple to demanding; a case belongs to one of them."""
+BASIC = ("core", "episodes", "borders", "limits")
+"""Levels that a check asks of a program by default; their headers have the keys of the first kit alone."""
 
 
 class Training(NamedTuple):
@@ -53,7 +56,7 @@ class Pinned(NamedTuple):
 class Case:
     """What an implementation is given.
 
-    Exactly one of `counts`, `probabilities` and `training` is there, and `edges` go with the first two.
+    Exactly one of `counts`, `probabilities`, `training` and `mean` is there; `edges` go with all but `training`.
 
     Attributes:
         name: Of the case.
@@ -77,6 +80,8 @@ class Case:
         answered: Taps with an expected answer, counted from 1; none for all.
         strict_ties: Whether equal beliefs are equal in any arithmetic, so that the lowest index is the one answer.
         level: What a program that passes it can claim, one of `LEVELS`.
+        mean: Of normal distributions, shape (L, M, K), with `sd`.
+        sd: Their standard deviations, likewise.
         pinned: Answers of a file.
     """
 
@@ -101,6 +106,8 @@ class Case:
     answered: tuple[int, ...] = ()
     strict_ties: bool = False
     level: str = "core"
+    mean: NDArray[np.float64] | None = None
+    sd: NDArray[np.float64] | None = None
     pinned: Pinned | None = None
 
     def __repr__(self) -> str:
@@ -136,6 +143,8 @@ class Case:
             tables |= {"counts": self.counts.tolist(), "pseudocount": self.pseudocount}
         if self.probabilities is not None:
             tables["probabilities"] = self.probabilities.tolist()
+        if self.mean is not None and self.sd is not None:
+            tables |= {"mean": self.mean.tolist(), "sd": self.sd.tolist()}
         if self.training is not None:
             training = {name: part.tolist() for name, part in self.training._asdict().items()}
             tables |= {"training": training, "pseudocount": self.pseudocount}

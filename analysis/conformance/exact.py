@@ -135,6 +135,8 @@ class Exact:
 
     def log_probability(self, l: int, m: int, k: int, b: int) -> Number:
         """Log P_k(b | l, m)."""
+        if self.case.mean is not None:
+            return _log(self.normal_probability(l, m, k, b))
         if self.case.probabilities is not None:
             return _log(MP.mpf(float(self.case.probabilities[l, m, k, b])))
         return _log(self.probability(self.counts[l][m][k], b))
@@ -143,6 +145,15 @@ class Exact:
         """Eq. 2 for one bin of a histogram."""
         pseudocount = MP.mpf(self.case.pseudocount)
         return (counts[b] + pseudocount) / (sum(counts) + pseudocount * len(counts))
+
+    def normal_probability(self, l: int, m: int, k: int, b: int) -> Number:
+        """The integral of a normal distribution over a bin; the end bins reach to infinity."""
+        mean, sd = (MP.mpf(float(array[l, m, k])) for array in (self.case.mean, self.case.sd) if array is not None)
+        lower = (self.edges[k][b] - mean) / sd if b > 0 else MP.ninf
+        upper = (self.edges[k][b + 1] - mean) / sd if b < self.B - 1 else MP.inf
+        if lower + upper > 0:  # as tails lose no digits at the lower end
+            lower, upper = -upper, -lower
+        return MP.ncdf(upper) - (MP.ncdf(lower) if lower > MP.ninf else 0)
 
     @cached_property
     def exponent(self) -> Number:

@@ -9,7 +9,7 @@ from ...models.errors import InputError
 from ...models.progress import Progress, no_progress
 from ..page.stages import counted
 from .answers import FIT, QUANTITIES
-from .case import Case
+from .case import BASIC, LEVELS, Case
 from .catalogue import Kit, own_kit
 from .catalogue import expected as exact_answers
 from .causes import with_causes
@@ -82,7 +82,7 @@ def run(
     Args:
         implementation: The function.
         names: Cases; default all.
-        levels: Levels whose cases are checked, with those of `names`; default all.
+        levels: Levels whose cases are checked, with those of `names`; default `core`, `episodes`, `borders`, `limits`.
         kit: Folder of an exported kit, whose cases and answers count; default the kit of this version.
         precision: Precision of its numbers; `"single"` has wider tolerances.
         without: Quantities that it does not answer, such as `"log_evidence"`.
@@ -209,7 +209,8 @@ def run_engine(
     if engine not in ROUTES:
         raise InputError(f"--engine {engine}: it must be one of {', '.join(ROUTES)}.")
     title = f"Conformance of engine {engine}"
-    return _report(title, (kit, names, levels), Asked(), progress, lambda chosen: run_route(engine, chosen))
+    wanted = kit, names, levels or (() if names else tuple(LEVELS))
+    return _report(title, wanted, Asked(), progress, lambda chosen: run_route(engine, chosen))
 
 
 def export(
@@ -287,9 +288,9 @@ def _report(
     work: Callable[[list[Case]], Iterator[Verdict]],
 ) -> ConformanceReport:
     """The verdicts with their causes, which are likelier the more cases they explain."""
-    folder, *which = wanted
+    folder, names, levels = wanted
     kit = open_kit(folder, asked.precision)
-    chosen = kit.select(*which)
+    chosen = kit.select(names, levels or (() if names else BASIC))
     advance = progress("Cases", len(chosen))
     verdicts = list(counted(work(chosen), advance))
     wrong = sum(verdict.quantity != "" for verdict in verdicts)

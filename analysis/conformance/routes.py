@@ -1,6 +1,8 @@
 """Answers of the engines of this software to a case."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -8,10 +10,15 @@ from numpy.typing import NDArray
 
 from ...inference import reference
 from ...inference.engines.engine import Engine, make_engine
+from ...inference.reference_models import log_normal_interval
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
+from ...models.measurement import gaussian
 from ...models.measurement.histogram import HistogramModel, fit
+from ...models.measurement.likelihood.bins import TableForm
+from ...models.measurement.likelihood.shapes import Measure
 from ...models.measurement.model import TapModel
+from ...models.measurement.scaling import Scaling
 from ...models.measurement.table import TableModel
 from ...models.preprocessing import Preprocessing
 from ...models.taps import TapSet
@@ -32,6 +39,22 @@ class Route(NamedTuple):
 
     engine: Engine
     log_likelihood: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class NormalTables(TableModel):
+    """Probabilities of bins under normal distributions, whose logarithms may lie below those of any double.
+
+    Attributes:
+        given: The logarithms.
+    """
+
+    given: TableForm
+
+    @cached_property
+    def plain_form(self) -> TableForm:
+        """The logarithms."""
+        return self.given
 
 
 def answers(route: str, case: Case) -> Iterator[Answer]:
@@ -78,6 +101,9 @@ def case_model(case: Case) -> TapModel:
         )
         return fit(taps, grid, bins=case.bins, pseudocount=case.pseudocount, power=case.power)
     edges = np.asarray(case.edges)
+    if case.mean is not None and case.sd is not None:
+        form = _normal_form(case.mean, case.sd, edges)
+        return NormalTables(grid, edges, case.power, record, np.exp(form.log_prob), form)
     if case.counts is not None:
         return HistogramModel(grid, edges, case.power, record, case.counts, case.pseudocount)
     return TableModel(grid, edges, case.power, record, np.asarray(case.probabilities))
@@ -96,15 +122,33 @@ def _route(name: str, model: TapModel, case: Case) -> Route:
 
 def _equations(model: TapModel, case: Case) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
     """Eq. 1 and 2 of the reference."""
+    log_prob = _log_tables(model, case)
+    return lambda taps: np.array(
+        [reference.tap_log_likelihood(reference.tap_bins(tap, model.edges), log_prob, case.power) for tap in taps]
+    )
+
+
+def _log_tables(model: TapModel, case: Case) -> NDArray[np.float64]:
+    """Log P_k(b) as the reference has it, shape (L, M, K, B)."""
+    if case.mean is not None and case.sd is not None:
+        inner = (
+            np.broadcast_to(model.edges, (model.K, case.bins + 1))[:, 1:-1] - case.mean[..., np.newaxis]
+        ) / case.sd[..., np.newaxis]
+        end = np.full((*case.mean.shape, 1), np.inf)
+        return log_normal_interval(np.concatenate([-end, inner], axis=-1), np.concatenate([inner, end], axis=-1))
     if isinstance(model, HistogramModel):
         probabilities = reference.histogram_probabilities(model.counts, case.pseudocount)
     else:
         probabilities = np.asarray(case.probabilities)
     with np.errstate(divide="ignore"):
-        log_prob = np.log(probabilities)
-    return lambda taps: np.array(
-        [reference.tap_log_likelihood(reference.tap_bins(tap, model.edges), log_prob, case.power) for tap in taps]
-    )
+        return np.log(probabilities)
+
+
+def _normal_form(mean: NDArray[np.float64], sd: NDArray[np.float64], edges: NDArray[np.float64]) -> TableForm:
+    """Likelihood of the model `gaussian` with these parameters; it bounds `sd` by that of a uniform draw from a bin."""
+    K = mean.shape[-1]
+    frame = Measure(Scaling(np.zeros(K), np.ones(K)), edges, np.zeros((0, 0, 0)))
+    return gaussian.form({"level": mean[:, :, np.newaxis], "variance": sd[:, :, np.newaxis] ** 2}, frame)
 
 
 def _enumerated(model: TapModel) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:

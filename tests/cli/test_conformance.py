@@ -139,7 +139,7 @@ def test_a_report_replaces_the_text_or_is_a_file(tmp_path):
         (("check", "--command", "x", "--without", "belief"), "--without must be one of log_likelihood,"),
         (("check", "--command", "x", "--case", "y"), "--case y: there is no such case"),
         (("run", "--case", "y"), "--case y: there is no such case"),
-        (("list", "--level", "y"), "--level y: it must be one of core, episodes, borders, limits."),
+        (("list", "--level", "y"), "--level y: it must be one of core, episodes, borders, limits, cont"),
         (("check", "--command", "true", "--report-file", "x"), "--report-file needs --report json or --report junit."),
         (("check", "--command", "true", "--report", "json", "--report-file", "/no/such"), "no folder /no."),
     ],

@@ -98,7 +98,7 @@ def make(name: str, about: str, equations: tuple[int, ...], scene: Scene | None 
     """
     scene = scene or Scene()
     random = numbers(name)
-    if not {"counts", "probabilities", "training"} & set(changes):
+    if not {"counts", "probabilities", "training", "mean"} & set(changes):
         changes["counts"] = scene.counts(random)
     holes = changes.pop("holes", ())
     if holes:

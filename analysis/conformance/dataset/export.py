@@ -153,7 +153,8 @@ def _expected_line(case: Case, answer: Answer, precision: Precision) -> dict[str
 
 def _arrays(case: Case) -> dict[str, Any]:
     """What a case holds as arrays; answers by the taps that have one."""
-    given = {name: getattr(case, name) for name in ("edges", "counts", "probabilities", "prior", "taps", "moves")}
+    names = ("edges", "counts", "probabilities", "mean", "sd", "prior", "taps", "moves")
+    given = {name: getattr(case, name) for name in names}
     arrays = {name: value for name, value in given.items() if value is not None}
     answers = [answer for answer in expected(case) if "posterior" in answer.values]
     arrays["expected_tap"] = np.array([answer.tap for answer in answers])

@@ -91,6 +91,8 @@ class _CaseFile(msgspec.Struct):
     counts: list[list[list[list[int]]]] | None = None
     pseudocount: float = 0.01
     probabilities: list[list[list[list[float]]]] | None = None
+    mean: list[list[list[float]]] | None = None
+    sd: list[list[list[float]]] | None = None
     training: _TrainingTaps | None = None
 
 
@@ -168,6 +170,8 @@ def _plain(whole: _CaseFile) -> Case:
         () if ended or len(given) == len(taps) else tuple(given),
         whole.strict_ties,
         whole.level,
+        None if whole.mean is None else _array("mean", whole.mean, (L, M, K)),
+        None if whole.sd is None else _array("sd", whole.sd, (L, M, K)),
     )
 
 

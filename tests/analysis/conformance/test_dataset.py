@@ -19,8 +19,11 @@ from solidtouch.analysis.conformance.dataset.version import KIT_VERSION, RELEASE
 
 import solidtouch as st
 
-CONTENT = {"1.0.0": "95199ff998240bf7f1a0706b6897dfcb8e79fff4df7be2bed0150e1a37f1813e"}
-"""Checksum of the cases and answers of each version of the kit."""
+CONTENT = {
+    "1.0.0": (116, "95199ff998240bf7f1a0706b6897dfcb8e79fff4df7be2bed0150e1a37f1813e"),
+    "1.1.0": (123, "393efe216c9e02f436609c669a3061706ef5d89e4ca18cf097c9af2afea38bd3"),
+}
+"""Number of cases of each version of the kit, and the checksum of them and their answers."""
 CC0 = "https://creativecommons.org/publicdomain/zero/1.0/"
 ROOT = Path(__file__).parents[3]
 
@@ -30,14 +33,21 @@ def read(exported, name):
 
 
 def test_a_version_holds_the_same_cases_and_answers(exported):
-    """What changes them needs another version and an entry in CHANGELOG.md of the kit; provenance may differ."""
-    found = hashlib.sha256()
-    for name in catalogue():
+    """What changes them needs another version and an entry in CHANGELOG.md of the kit; provenance may differ.
+
+    A minor version adds cases behind those that were there.
+    """
+    found, sums = hashlib.sha256(), {}
+    for number, name in enumerate(catalogue(), 1):
         case = read(exported, f"{name}.json")
         del case["provenance"]
         found.update(json.dumps(case, sort_keys=True).encode())
+        sums[number] = found.hexdigest()
+    major = KIT_VERSION.partition(".")[0]
+    kept = {kit: content for kit, content in CONTENT.items() if kit.partition(".")[0] == major}
 
-    assert found.hexdigest() == CONTENT[KIT_VERSION]
+    assert {kit: (number, sums[number]) for kit, (number, _) in kept.items()} == kept
+    assert CONTENT[KIT_VERSION][0] == len(catalogue())
 
 
 def test_the_newest_entry_of_the_changelog_is_this_version(exported):

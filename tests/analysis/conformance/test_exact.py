@@ -48,7 +48,37 @@ def test_beliefs_and_evidence_are_sums_over_all_ways_in_fractions():
         assert answer.values["log_evidence"] == float(mpmath.log(mpmath.mpf(evidence.numerator) / evidence.denominator))
 
 
-@pytest.mark.parametrize("name", ["root-j", "episode-uniform", "episode-prior", "empty-bins", "fit", "subnormal-prior"])
+@pytest.mark.parametrize("name", ["normal-far", "normal-tails", "normal-of-each-taxel"])
+def test_probabilities_of_bins_are_integrals_of_the_density(name):
+    """By quadrature; all bins of a class together have probability one."""
+    case = catalogue()[name]
+    exact_of = Exact(case)
+    mean, sd = MP.mpf(float(case.mean[1, 0, 1])), MP.mpf(float(case.sd[1, 0, 1]))
+    found = [exact_of.normal_probability(1, 0, 1, b) for b in range(case.bins)]
+    edges = exact_of.edges[1]
+    for b in (1, case.bins // 2, case.bins - 2):
+        top = max(MP.npdf(edge, mean, sd) for edge in edges[b : b + 2])  # as quadrature stops at an absolute error
+        pieces = MP.linspace(edges[b], edges[b + 1], 15)
+        integral = top * MP.quad(lambda x, top=top: MP.npdf(x, mean, sd) / top, pieces)
+        assert abs(found[b] / integral - 1) < MP.mpf(10) ** -20
+
+    assert abs(MP.fsum(found) - 1) < MP.mpf(10) ** -55
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "root-j",
+        "episode-uniform",
+        "episode-prior",
+        "empty-bins",
+        "fit",
+        "subnormal-prior",
+        "normal-tails",
+        "normal-far",
+        "normal-wide",
+    ],
+)
 def test_more_digits_change_no_double(name):
     """Sixty digits are enough."""
     answers = []

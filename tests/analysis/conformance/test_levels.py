@@ -5,8 +5,9 @@ from dataclasses import replace
 from xml.etree import ElementTree as ET
 
 import pytest
-from solidtouch.analysis.conformance.case import LEVELS
+from solidtouch.analysis.conformance.case import BASIC, LEVELS
 from solidtouch.analysis.conformance.catalogue import catalogue, own_kit
+from solidtouch.analysis.conformance.dataset.version import KIT_VERSION
 from solidtouch.analysis.conformance.report import ConformanceReport
 from solidtouch.analysis.conformance.verdict import Verdict
 
@@ -50,26 +51,38 @@ def test_cases_are_chosen_by_level_and_by_name():
     assert len(chosen) == len(set(chosen)) == 8
 
 
+def test_a_check_asks_for_the_levels_of_the_first_kit():
+    """Others change what a header holds, so a program is asked for them by name; engines are asked for all."""
+    asked = st.conformance.run(lambda case: st.conformance.expected(case.name)).found
+
+    assert {catalogue()[name].level for name in asked} == set(BASIC)
+    assert len(asked) == sum(case.level in BASIC for case in catalogue().values())
+    assert st.conformance.run(lambda case: st.conformance.expected(case.name), levels=["continuous"]).passed
+    assert st.conformance.run_engine("numpy", levels=["continuous"]).passed
+
+
 def test_a_program_claims_the_levels_that_it_passes():
-    assert claim() == "Conformance kit 1.0.0: passes core, episodes, borders, limits."
+    assert claim() == f"Conformance kit {KIT_VERSION}: passes core, episodes, borders, limits, continuous."
 
     wrong = [Verdict("episode-long", "differs"), Verdict("episode-passive", "failed", "it crashed")]
     assert claim(wrong) == (
-        "Conformance kit 1.0.0: passes core, borders, limits; episodes: 1 of 7 differ, 1 of 7 failed."
+        f"Conformance kit {KIT_VERSION}: passes core, borders, limits, continuous; "
+        "episodes: 1 of 7 differ, 1 of 7 failed."
     )
 
 
 def test_a_level_of_which_a_case_was_not_asked_is_not_claimed():
-    assert claim(names=["root-j", "ties"]) == "Conformance kit 1.0.0: core: 58 of 60 not asked."
+    assert claim(names=["root-j", "ties"]) == f"Conformance kit {KIT_VERSION}: core: 58 of 60 not asked."
     assert claim([Verdict("ties", "differs")], names=["root-j"]).endswith("core: 1 of 2 differ, 58 of 60 not asked.")
 
 
 def test_a_claim_names_its_conditions():
     left = [Verdict("ten-thousand-taps", "left out", "32 bits cannot do it")]
     assert claim(left, precision="single", without=("log_evidence",)) == (
-        "Conformance kit 1.0.0, single precision, no log_evidence: passes core, episodes, borders, limits (1 left out)."
+        f"Conformance kit {KIT_VERSION}, single precision, no log_evidence: passes core, episodes, borders, "
+        "limits (1 left out), continuous."
     )
-    assert claim(left, names=[]) == "Conformance kit 1.0.0: limits: 9 of 10 not asked."
+    assert claim(left, names=[]) == f"Conformance kit {KIT_VERSION}: limits: 9 of 10 not asked."
 
 
 def test_results_of_levels_are_numbers():
@@ -85,7 +98,7 @@ def test_results_of_levels_are_numbers():
         "left_out": 0,
         "not_asked": 0,
     }
-    assert [result.passes for result in found.values()] == [True, False, True, True]
+    assert [result.passes for result in found.values()] == [True, False, True, True, True]
 
 
 WRONG = [
@@ -102,7 +115,7 @@ def test_a_report_is_json():
     ties = next(case for case in found["cases"] if case["case"] == "ties")
 
     assert text.isascii()
-    assert (found["kit"], found["passed"], len(found["cases"])) == ("1.0.0", False, len(catalogue()))
+    assert (found["kit"], found["passed"], len(found["cases"])) == (KIT_VERSION, False, len(catalogue()))
     assert ties == {
         "case": "ties",
         "level": "core",
@@ -114,7 +127,7 @@ def test_a_report_is_json():
         "about_cause": "the move has the wrong sign",
     }
     assert found["sentences"] == report(WRONG).sentences
-    assert [level["passes"] for level in found["levels"]] == [False, True, True, True]
+    assert [level["passes"] for level in found["levels"]] == [False, True, True, True, True]
 
 
 def test_a_report_is_junit():
@@ -124,7 +137,12 @@ def test_a_report_is_junit():
     text = "tap 2: its move is +1 ?[31m?? <instead> & of +0"
 
     assert [suite.get("name") for suite in root] == [*LEVELS]
-    assert [root.get(name) for name in ("tests", "failures", "errors", "skipped")] == ["116", "1", "1", "1"]
+    assert [root.get(name) for name in ("tests", "failures", "errors", "skipped")] == [
+        str(len(catalogue())),
+        "1",
+        "1",
+        "1",
+    ]
     for name in ("tests", "failures", "errors", "skipped"):
         assert int(root.get(name)) == sum(int(suite.get(name)) for suite in root)
     assert [*tests] == [case for level in LEVELS for case in catalogue() if catalogue()[case].level == level]
@@ -134,7 +152,7 @@ def test_a_report_is_junit():
     assert tests["single-edges"].find("skipped").get("message") == "32 bits cannot do it"
     assert tests["root-none"].find("system-out").text == "it left a process running, which was stopped"
     assert len(tests["root-j"]) == 0
-    assert {e.get("value") for e in root.iter("property") if e.get("name") == "kit"} == {"1.0.0"}
+    assert {e.get("value") for e in root.iter("property") if e.get("name") == "kit"} == {KIT_VERSION}
 
 
 def test_the_words_of_a_program_do_not_end_in_xml_or_json():
