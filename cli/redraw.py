@@ -67,8 +67,12 @@ def _figures(file: Path, groups: "Mapping[str, xr.Dataset]") -> "tuple[dict[str,
         InputError: It is not a file of results, or lacks something.
     """
     from ..analysis.compare import redraw as comparison
+    from ..analysis.page.labelled import NUMBERS_FORMAT
     from ..analysis.reproduce import redraw as reproduction
 
+    written = groups["/"].attrs.get("format", NUMBERS_FORMAT)  # before 0.2.0 without
+    if written != NUMBERS_FORMAT:
+        raise InputError(f"{file}: of format {written}; this version reads format {NUMBERS_FORMAT}.")
     try:
         if "grid" in groups["/"].attrs and "passive/curve" in groups:
             return reproduction.stored_figures(groups), reproduction.NOT_STORED

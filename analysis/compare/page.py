@@ -7,6 +7,7 @@ from functools import partial
 import numpy as np
 import xarray as xr
 
+from ..page.labelled import NUMBERS_FORMAT
 from ..page.numbers import bounded, factor_of, in_brackets, interval, listed, number, percent
 from ..page.page import Block, Brief, Cautions, Note, Page, Picture, Row, Section, Table, Verbatim
 from . import figures, figures_decisions, figures_taps
@@ -19,7 +20,7 @@ def comparison_tree(comparison: Comparison, summary: Row) -> xr.DataTree:
     groups: dict[str, xr.Dataset | None] = {
         "/": xr.Dataset(
             attrs={name: summary[name] for name in ("title", "command", "seed")}
-            | {"grid": json.dumps(comparison.grid.to_dict())}
+            | {"grid": json.dumps(comparison.grid.to_dict()), "format": NUMBERS_FORMAT}
         ),
         "taps_left_out": comparison.left_out_taps,
         f"{summary['unit']}s_left_out": comparison.left_out_groups,

@@ -11,6 +11,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+NUMBERS_FORMAT = 1
+"""Version of the layout of `results.nc` and `compare.nc`, their attribute `format`."""
+
 _FILL: dict[type, Any] = {bool: False, str: ""}
 
 

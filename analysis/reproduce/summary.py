@@ -17,6 +17,7 @@ from ..experiment.crosscheck import CrossCheck
 from ..experiment.data_warnings import FEW, fold_warnings
 from ..experiment.settings import ExperimentSettings
 from ..page.figure_style import unit_name
+from ..page.labelled import NUMBERS_FORMAT
 from ..page.numbers import versions
 from ..stats import metrics
 from ..stats.no_class_left import no_class_left_sentence
@@ -275,6 +276,7 @@ def results_tree(request: Request, results: Results) -> xr.DataTree:
     groups |= {f"examples/{name}": case_group(case) for name, case in zip(CASES, results.cases, strict=True)}
     tree = xr.DataTree.from_dict(groups)
     tree.attrs = {
+        "format": NUMBERS_FORMAT,
         "command": request.command,
         "model": request.settings.model,
         "split": f"{request.split.method}: {request.split.description}",

@@ -15,7 +15,7 @@ from ..preprocessing import Preprocessing
 from ..taps import RIG_UNIT, TapSet
 from .recording import naming
 from .rig_reader import Entry, RecordingReader
-from .rig_recording import About, Event, Frame, Press, Tap, TapLabel
+from .rig_recording import FORMAT, About, Event, Frame, Press, Tap, TapLabel
 
 
 class RecordedTap(NamedTuple):
@@ -120,6 +120,8 @@ def read_rig(path: str | Path) -> RigTaps:
         first = next(entries, None)
         if first is None or not isinstance(first.content, About):
             raise InputError("not a recording of the rig: the header is missing.")
+        if first.content.format != FORMAT:
+            raise InputError(f"a recording of format {first.content.format}; this version reads format {FORMAT}.")
         taps = list(_taps(entries, Preprocessing.from_json(first.content.preprocessing)))
     return RigTaps(first.content, taps, reader.lost(), first.log_time_ns)
 

@@ -22,6 +22,8 @@ from typing import Any
 import msgspec
 from msgspec import UNSET, Struct, UnsetType
 
+FORMAT = 1
+
 
 class About(Struct, frozen=True, kw_only=True):
     """Header of a recording.
@@ -39,6 +41,7 @@ class About(Struct, frozen=True, kw_only=True):
         objects: Names of the objects.
         sizes_mm: Size of each object, or none.
         software: Version of this software.
+        format: Version of this layout; a header without one has the first.
     """
 
     name: str
@@ -53,6 +56,7 @@ class About(Struct, frozen=True, kw_only=True):
     objects: list[str]
     sizes_mm: list[float]
     software: str
+    format: int = FORMAT
 
 
 class Frame(Struct, frozen=True):
