@@ -91,11 +91,12 @@ def test_on_an_index_links_lead_to_a_repository_that_is_known(description):
 
 
 def test_a_version_is_the_same_everywhere():
-    """In the package, its citation and recipe."""
+    """In the package, its citation, recipe and changelog, whose latest version it is."""
     version = PROJECT["version"]
 
     assert yaml.safe_load(text("CITATION.cff"))["version"] == version
     assert yaml.safe_load(text("packaging/conda/recipe.yaml"))["context"]["version"] == version
+    assert re.findall(r"^## \[(\d[\w.]*)", text("CHANGELOG.md"), flags=re.MULTILINE)[0] == version
 
 
 def test_the_conda_recipe_has_the_bounds_of_the_package():
