@@ -26,8 +26,8 @@ Levels = Annotated[
     Option(
         "--level",
         metavar="LEVEL",
-        help="Cases of this level, with those of --case: core, episodes, borders, limits or continuous; repeatable. "
-        "Default: all; in check, all but continuous.",
+        help="Cases of this level, with those of --case: core, episodes, borders, limits, continuous or strategies; "
+        "repeatable. Default: all; in check, the first four.",
     ),
 ]
 KitFolder = Annotated[

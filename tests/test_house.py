@@ -93,7 +93,7 @@ EDGES = {
         "models/io/rig_reader.py",
     ),
     "mcap_ros2": ("models/io/layouts/formats/mcap.py",),
-    "mpmath": ("analysis/conformance/exact.py",),
+    "mpmath": ("analysis/conformance/arithmetic.py",),
     "numba": ("models/compiled.py", "models/vectors.py"),
     "numpyro": (
         "inference/engines/enumeration.py",

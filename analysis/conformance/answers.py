@@ -24,6 +24,7 @@ QUANTITIES = (
     "where",
     "what",
     "decisions",
+    "information",
     "move",
 )
 """In the order in which one follows from those before."""
@@ -192,7 +193,7 @@ def _numbers(name: str, value: Any, shape: tuple[int, ...], empty: bool) -> NDAr
 
 def _shape(name: str, case: Case) -> tuple[int, ...]:
     L, M, K, _, B = case.sizes.values()
-    shapes = {"where": (L,), "what": (M,), "edges": (B + 1,), "counts": (L, M, K, B)}
+    shapes = {"where": (L,), "what": (M,), "information": (L,), "edges": (B + 1,), "counts": (L, M, K, B)}
     return shapes.get(name, (L, M))
 
 

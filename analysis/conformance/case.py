@@ -20,6 +20,7 @@ LEVELS = {
     "borders": "the other readings of Eq. 9, and untrained classes",
     "limits": "the limits of floating point: up to 10 000 taps, beliefs below 1e-308, moves with any border",
     "continuous": "normal distributions in place of histograms",
+    "strategies": "the next move by expected information about object, position or both",
 }
 """Names and what they are about, from simple to demanding; a case belongs to one of them."""
 BASIC = ("core", "episodes", "borders", "limits")
@@ -82,6 +83,8 @@ class Case:
         level: What a program that passes it can claim, one of `LEVELS`.
         mean: Of normal distributions, shape (L, M, K), with `sd`.
         sd: Their standard deviations, likewise.
+        strategy: Of the own move, one of `information.STRATEGIES`; empty for Eq. 8 and 10.
+        pool: Taps that may come next, for a strategy, shape (N, J, K).
         pinned: Answers of a file.
     """
 
@@ -108,6 +111,8 @@ class Case:
     level: str = "core"
     mean: NDArray[np.float64] | None = None
     sd: NDArray[np.float64] | None = None
+    strategy: str = ""
+    pool: NDArray[np.float64] | None = None
     pinned: Pinned | None = None
 
     def __repr__(self) -> str:
@@ -148,6 +153,7 @@ class Case:
         if self.training is not None:
             training = {name: part.tolist() for name, part in self.training._asdict().items()}
             tables |= {"training": training, "pseudocount": self.pseudocount}
+        strategy = {} if self.pool is None else {"strategy": self.strategy, "pool": self.pool.tolist()}
         return {
             "format": FORMAT,
             "case": self.name,
@@ -162,6 +168,7 @@ class Case:
             "thresholds": list(self.thresholds),
             "theta_x": self.theta_x,
             "fixation": self.fixation,
+            **strategy,
         }
 
     def tap_lines(self) -> Iterator[dict[str, Any]]:

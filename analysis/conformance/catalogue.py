@@ -8,7 +8,7 @@ from functools import cache, lru_cache
 from ...models.errors import InputError
 from .answers import Answer
 from .case import LEVELS, Case
-from .cases import beliefs, continuous, likelihood, limits, moves
+from .cases import beliefs, continuous, likelihood, limits, moves, strategies
 from .dataset.version import KIT_VERSION
 from .exact import Exact
 from .tolerance import Precision
@@ -64,7 +64,7 @@ def _cases() -> Iterable[Case]:
     for group in (likelihood, beliefs, moves):
         for case in group.cases():
             yield replace(case, level=_level(case))
-    for level, group in (("limits", limits), ("continuous", continuous)):
+    for level, group in (("limits", limits), ("continuous", continuous), ("strategies", strategies)):
         for case in group.cases():
             yield replace(case, level=level)
 

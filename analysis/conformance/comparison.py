@@ -16,6 +16,7 @@ _LABELS = {
     "where": "l",
     "what": "m",
     "counts": "lmkb",
+    "information": "l",
 }
 
 

@@ -11,27 +11,17 @@ from collections.abc import Iterator
 from functools import cached_property, lru_cache
 from typing import Any
 
-import mpmath
 import numpy as np
 from numpy.typing import NDArray
 
 from .answers import ZERO_EVIDENCE, Answer
+from .arithmetic import MP, Matrix, Number, log
 from .case import Case
+from .information import Outcomes, best_move, information, outcomes
 
-DIGITS = 60
-MP: Any = mpmath.MPContext()  # mpmath has types for some things only
-MP.dps = DIGITS
 _SAME = MP.mpf(10) ** -50  # beliefs that differ by less, in proportion, are equal but for the rounding here
 
-type Number = Any
-type Matrix = list[list[Number]]
 type Bins = tuple[tuple[int | None, ...], ...]
-
-
-@lru_cache(maxsize=1 << 14)
-def _log(probability: Number) -> Number:
-    """The logarithm; histograms of counts hold few different probabilities, each many times."""
-    return MP.log(probability) if probability > 0 else MP.ninf
 
 
 @lru_cache(maxsize=256)
@@ -96,12 +86,14 @@ class Exact:
                     "log_likelihood": _floats(log_likelihood),
                     "log_evidence": float(log_evidence),
                     "posterior": _floats(belief),
-                    "log_posterior": np.array([[float(_log(p)) for p in row] for row in belief]),
+                    "log_posterior": np.array([[float(log(p)) for p in row] for row in belief]),
                     "where": _floats(where),
                     "what": _floats(what),
                     "decisions": np.array([self.decide(seen, what, theta) for theta in self.case.thresholds]),
                     "move": self.own_move(seen, where),
                 }
+                if self.case.strategy:
+                    values["information"] = _floats(self.information(seen, where))
                 yield Answer(t + 1, values)
 
     @cached_property
@@ -136,10 +128,10 @@ class Exact:
     def log_probability(self, l: int, m: int, k: int, b: int) -> Number:
         """Log P_k(b | l, m)."""
         if self.case.mean is not None:
-            return _log(self.normal_probability(l, m, k, b))
+            return log(self.normal_probability(l, m, k, b))
         if self.case.probabilities is not None:
-            return _log(MP.mpf(float(self.case.probabilities[l, m, k, b])))
-        return _log(self.probability(self.counts[l][m][k], b))
+            return log(MP.mpf(float(self.case.probabilities[l, m, k, b])))
+        return log(self.probability(self.counts[l][m][k], b))
 
     def probability(self, counts: list[int], b: int) -> Number:
         """Eq. 2 for one bin of a histogram."""
@@ -230,9 +222,22 @@ class Exact:
         return index if self.exceeds(what[index], threshold) else -1
 
     def own_move(self, belief: Matrix, where: list[Number]) -> int:
-        """Eq. 8 and 10."""
+        """Eq. 8 and 10, or the move of most expected information."""
         index = self.where_index(belief, where)
+        if self.case.strategy:
+            return best_move(self.information(belief, where), index)
         return self.case.fixation - index if self.exceeds(where[index], self.case.theta_x) else 0
+
+    def information(self, belief: Matrix, where: list[Number]) -> list[Number]:
+        """Expected information of a tap at each position after the move there."""
+        here = self.where_index(belief, where)
+        moved = (self.shift(belief, l - here) if l != here else belief for l in range(self.L))
+        return [information(self.pool, after, self.case.strategy) for after in moved]
+
+    @cached_property
+    def pool(self) -> Outcomes:
+        """The taps that may come."""
+        return outcomes([self.log_likelihood(tap) for tap in np.asarray(self.case.pool).tolist()])
 
     @cached_property
     def trained(self) -> list[list[bool]]:

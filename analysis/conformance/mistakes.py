@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .answers import LOGS, QUANTITIES, Answer
+from .arithmetic import MP, Matrix, Number
 from .case import Case
 from .comparison import Difference, first_difference
-from .exact import MP, Exact, Matrix, Number
+from .exact import Exact
 from .tolerance import Tolerance
 
 _ROUNDING = 1e-12

@@ -10,6 +10,8 @@ from numpy.typing import NDArray
 
 from ...inference import reference
 from ...inference.engines.engine import Engine, make_engine
+from ...inference.information import About, TapOutcomes, information_of_moves, moves_to_all, tap_outcomes
+from ...inference.moves.information import informative
 from ...inference.reference_models import log_normal_interval
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
@@ -72,6 +74,7 @@ def answers(route: str, case: Case) -> Iterator[Answer]:
     if case.training is not None and isinstance(model, HistogramModel):
         yield Answer(0, {"edges": model.edges, "counts": model.counts.astype(np.float64)})
     rows = log_likelihood(case.taps)
+    outcomes = None if case.pool is None else tap_outcomes(log_likelihood(case.pool), model.trained)
     with np.errstate(divide="ignore"):
         log_belief = np.log(case.prior)
     for t, (tap, move) in enumerate(zip(case.taps, case.moves.tolist(), strict=True)):
@@ -83,7 +86,7 @@ def answers(route: str, case: Case) -> Iterator[Answer]:
             yield Answer(t + 1, error=ZERO_EVIDENCE)
             return
         if case.expects(t + 1):
-            yield Answer(t + 1, {"log_likelihood": rows[t]} | _choices(case, log_belief, log_evidence))
+            yield Answer(t + 1, {"log_likelihood": rows[t]} | _choices(case, log_belief, log_evidence, outcomes))
 
 
 def case_model(case: Case) -> TapModel:
@@ -165,7 +168,9 @@ def _enumerated(model: TapModel) -> Callable[[NDArray[np.float64]], NDArray[np.f
     return of
 
 
-def _choices(case: Case, log_belief: NDArray[np.float64], log_evidence: float) -> dict[str, object]:
+def _choices(
+    case: Case, log_belief: NDArray[np.float64], log_evidence: float, outcomes: TapOutcomes | None
+) -> dict[str, object]:
     belief = np.exp(log_belief)
     decisions = [reference.what_decision(belief, theta) for theta in case.thresholds]
     place = reference.where_decision(belief, case.theta_x)
@@ -177,4 +182,12 @@ def _choices(case: Case, log_belief: NDArray[np.float64], log_evidence: float) -
         "what": reference.what_marginal(belief),
         "decisions": np.array([-1 if m is None else m for m in decisions]),
         "move": 0 if place is None else reference.fixation_move(place, case.fixation),
-    }
+    } | ({} if outcomes is None else _informed(case, belief, outcomes))
+
+
+def _informed(case: Case, belief: NDArray[np.float64], outcomes: TapOutcomes) -> dict[str, object]:
+    """Move and information of a strategy."""
+    about: About = case.strategy.removeprefix("info-")  # pyright: ignore[reportAssignmentType] - one of these words
+    found = information_of_moves(outcomes, belief, moves_to_all(belief), case.border, about)
+    move = informative(outcomes, about, case.border)(belief, np.zeros(()))
+    return {"information": found, "move": int(move)}

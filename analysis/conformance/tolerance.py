@@ -17,6 +17,7 @@ _ROUNDING = {"double": float(np.finfo(np.float64).eps), "single": float(np.finfo
 _LEAST = {"double": 1e-10, "single": 1e-4}
 _LARGEST = 1e-2  # a tolerance above this one tells nothing
 _STEPS = 64  # roundings of the size of the whole sum
+_STEEP = 10.0  # information changes at most this much faster than belief, but for taps that hardly ever come
 _TINY = float(np.finfo(np.float32).tiny)
 
 
@@ -42,7 +43,8 @@ def tolerances(case: Case, expected: list[Answer], precision: Precision) -> dict
     terms = case.sizes["J"] * case.sizes["K"]
     sums = Tolerance(least, max(least, _STEPS * rounding * terms))
     table = Tolerance(least, least)
-    return {
+    more = {"information": Tolerance(_STEEP * belief.absolute, 0.0)} if case.strategy else {}
+    return more | {
         "edges": table,
         "counts": Tolerance(0.0, 0.0),
         "log_likelihood": sums,
@@ -112,6 +114,10 @@ def allowed_moves(case: Case, answer: Answer, tolerance: Tolerance) -> set[int]:
     right = {int(answer.values["move"])}
     if case.strict_ties:
         return right
+    if case.strategy:
+        information, here = answer.values["information"], int(answer.values["where"].argmax())
+        near = information >= information.max() - 2 * _STEEP * tolerance.absolute
+        return right | {index - here for index in np.flatnonzero(near).tolist()}
     indices = _allowed(answer.values["where"], case.theta_x, tolerance.absolute)
     return right | {0 if index < 0 else case.fixation - index for index in indices}
 

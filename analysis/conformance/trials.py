@@ -30,7 +30,7 @@ def trial_difference(case: Case, expected: Sequence[Answer], tolerances: dict[st
         expected: Its right answers.
         tolerances: Of the case.
     """
-    if not _own_moves(case, expected, tolerances):
+    if case.strategy or not _own_moves(case, expected, tolerances):
         return None
     script = _script(case)
     if script is None:

@@ -153,7 +153,7 @@ def _expected_line(case: Case, answer: Answer, precision: Precision) -> dict[str
 
 def _arrays(case: Case) -> dict[str, Any]:
     """What a case holds as arrays; answers by the taps that have one."""
-    names = ("edges", "counts", "probabilities", "mean", "sd", "prior", "taps", "moves")
+    names = ("edges", "counts", "probabilities", "mean", "sd", "pool", "prior", "taps", "moves")
     given = {name: getattr(case, name) for name in names}
     arrays = {name: value for name, value in given.items() if value is not None}
     answers = [answer for answer in expected(case) if "posterior" in answer.values]
@@ -166,7 +166,18 @@ def _arrays(case: Case) -> dict[str, Any]:
 def _settings(case: Case, precision: Precision) -> dict[str, Any]:
     """What a case holds as single numbers and words, and how near an answer must come."""
     header = case.header()
-    names = ("case", "where_value", "where_unit", "pseudocount", "power", "border", "thresholds", "theta_x", "fixation")
+    names = [
+        "case",
+        "where_value",
+        "where_unit",
+        "pseudocount",
+        "power",
+        "border",
+        "thresholds",
+        "theta_x",
+        "fixation",
+        "strategy",
+    ]
     allowed = tolerances(case, expected(case), precision)
     given = {**_CONVENTIONS, **{name: header[name] for name in names if name in header}, "precision": precision}
     near = {f"tolerance_{name}": tuple(tolerance) for name, tolerance in allowed.items()}

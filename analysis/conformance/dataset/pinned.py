@@ -93,6 +93,8 @@ class _CaseFile(msgspec.Struct):
     probabilities: list[list[list[list[float]]]] | None = None
     mean: list[list[list[float]]] | None = None
     sd: list[list[list[float]]] | None = None
+    strategy: str = ""
+    pool: list[list[list[float]]] | None = None
     training: _TrainingTaps | None = None
 
 
@@ -172,6 +174,8 @@ def _plain(whole: _CaseFile) -> Case:
         whole.level,
         None if whole.mean is None else _array("mean", whole.mean, (L, M, K)),
         None if whole.sd is None else _array("sd", whole.sd, (L, M, K)),
+        whole.strategy,
+        None if whole.pool is None else _array("pool", whole.pool, (len(whole.pool), J, K)),
     )
 
 

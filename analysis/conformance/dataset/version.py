@@ -6,7 +6,7 @@ CHANGELOG.md beside this file says what each version changed.
 from importlib.metadata import version
 from typing import Any
 
-from ..exact import DIGITS
+from ..arithmetic import DIGITS
 
 KIT_VERSION = "1.1.0"
 RELEASED = "2026-11-27"

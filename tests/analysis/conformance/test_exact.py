@@ -7,10 +7,12 @@ from itertools import product
 import mpmath
 import numpy as np
 import pytest
-from solidtouch.analysis.conformance import exact
+from solidtouch.analysis.conformance import arithmetic, exact
+from solidtouch.analysis.conformance.arithmetic import MP
 from solidtouch.analysis.conformance.cases.scene import Scene, make
 from solidtouch.analysis.conformance.catalogue import catalogue
-from solidtouch.analysis.conformance.exact import MP, Exact
+from solidtouch.analysis.conformance.exact import Exact
+from solidtouch.analysis.conformance.information import EQUAL, STRATEGIES, best_move, information, outcomes
 from solidtouch.analysis.conformance.mistakes import MISTAKES
 
 
@@ -48,6 +50,45 @@ def test_beliefs_and_evidence_are_sums_over_all_ways_in_fractions():
         assert answer.values["log_evidence"] == float(mpmath.log(mpmath.mpf(evidence.numerator) / evidence.denominator))
 
 
+@pytest.mark.parametrize("strategy", STRATEGIES)
+def test_information_is_the_divergence_of_the_joint_from_the_product(strategy):
+    """Of taps and objects, positions or classes; those from which no tap comes are left out."""
+    random = np.random.default_rng(3)
+    logs, belief = random.normal(size=(6, 4, 3)), random.dirichlet(np.ones(12)).reshape(4, 3)
+    logs[:, 1, 2] = -np.inf
+    joint = np.exp(logs)
+    joint /= np.where(joint.sum(axis=0) > 0, joint.sum(axis=0), 1)
+    joint *= belief * (joint.sum(axis=0) > 0)
+    joint /= joint.sum()
+    of = {"info-what": joint.sum(axis=1), "info-where": joint.sum(axis=2), "info-joint": joint.reshape(6, -1)}[strategy]
+    product_of = of.sum(axis=1, keepdims=True) * of.sum(axis=0)
+    right = (of[of > 0] * np.log(of[of > 0] / product_of[of > 0])).sum()
+
+    given = outcomes([[[MP.mpf(value) for value in row] for row in tap] for tap in logs.tolist()])
+    found = information(given, [[MP.mpf(p) for p in row] for row in belief.tolist()], strategy)
+    assert float(found) == pytest.approx(right, rel=1e-12)
+    assert information(given, [[MP.mpf(0)] * 3] * 4, strategy) == 0
+
+
+def test_of_moves_that_tell_as_much_the_shortest_counts():
+    """Then the one to the lower position."""
+    assert best_move([MP.mpf(1), MP.mpf(1), MP.mpf(1)], 1) == 0
+    assert best_move([MP.mpf(1), MP.mpf(0), MP.mpf(1)], 1) == -1
+    assert best_move([MP.mpf(1), MP.mpf(2), MP.mpf(2)], 0) == 1
+    assert best_move([MP.mpf(1), MP.mpf(1) + EQUAL / 2], 0) == 0
+
+
+def test_moves_of_strategies_begin_at_a_clear_position():
+    """Rounding cannot make it another one; and strategies differ in what they choose."""
+    cases = [case for case in catalogue().values() if case.level == "strategies"]
+    for case in cases:
+        for answer in Exact(case).answers():
+            best = np.sort(answer.values["where"])[::-1]
+            assert best[0] - best[1] > 1e-6
+    moves = [[int(a.values["move"]) for a in Exact(catalogue()[name]).answers()] for name in STRATEGIES]
+    assert len({tuple(each) for each in moves}) == 3
+
+
 @pytest.mark.parametrize("name", ["normal-far", "normal-tails", "normal-of-each-taxel"])
 def test_probabilities_of_bins_are_integrals_of_the_density(name):
     """By quadrature; all bins of a class together have probability one."""
@@ -77,13 +118,14 @@ def test_probabilities_of_bins_are_integrals_of_the_density(name):
         "normal-tails",
         "normal-far",
         "normal-wide",
+        "info-joint",
     ],
 )
 def test_more_digits_change_no_double(name):
     """Sixty digits are enough."""
     answers = []
     for digits in (90, 60):
-        exact._log.cache_clear()
+        arithmetic.log.cache_clear()
         exact._likelihoods.cache_clear()
         with MP.workdps(digits):
             answers.append(list(Exact(catalogue()[name]).answers()))

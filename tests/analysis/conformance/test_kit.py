@@ -76,7 +76,7 @@ def test_an_index_lists_the_cases_that_the_precision_can_do(tmp_path):
     assert index["precision"] == "single"
     assert [entry["case"] for entry in index["cases"]] == [name for name in NAMES if name != "single-edges"]
     assert {path.stem for path in (tmp_path / "kit").glob("*.jsonl")} == {entry["case"] for entry in index["cases"]}
-    assert [*index["levels"].values()] == [57, 6, 39, 0, 6]
+    assert [*index["levels"].values()] == [57, 6, 39, 0, 6, 11]
 
 
 def test_arrays_hold_the_case_and_its_right_answers(tmp_path, monkeypatch):

@@ -58,15 +58,15 @@ def test_a_check_asks_for_the_levels_of_the_first_kit():
     assert {catalogue()[name].level for name in asked} == set(BASIC)
     assert len(asked) == sum(case.level in BASIC for case in catalogue().values())
     assert st.conformance.run(lambda case: st.conformance.expected(case.name), levels=["continuous"]).passed
-    assert st.conformance.run_engine("numpy", levels=["continuous"]).passed
+    assert st.conformance.run_engine("numpy", levels=["continuous", "strategies"]).passed
 
 
 def test_a_program_claims_the_levels_that_it_passes():
-    assert claim() == f"Conformance kit {KIT_VERSION}: passes core, episodes, borders, limits, continuous."
+    assert claim() == f"Conformance kit {KIT_VERSION}: passes core, episodes, borders, limits, continuous, strategies."
 
     wrong = [Verdict("episode-long", "differs"), Verdict("episode-passive", "failed", "it crashed")]
     assert claim(wrong) == (
-        f"Conformance kit {KIT_VERSION}: passes core, borders, limits, continuous; "
+        f"Conformance kit {KIT_VERSION}: passes core, borders, limits, continuous, strategies; "
         "episodes: 1 of 7 differ, 1 of 7 failed."
     )
 
@@ -80,7 +80,7 @@ def test_a_claim_names_its_conditions():
     left = [Verdict("ten-thousand-taps", "left out", "32 bits cannot do it")]
     assert claim(left, precision="single", without=("log_evidence",)) == (
         f"Conformance kit {KIT_VERSION}, single precision, no log_evidence: passes core, episodes, borders, "
-        "limits (1 left out), continuous."
+        "limits (1 left out), continuous, strategies."
     )
     assert claim(left, names=[]) == f"Conformance kit {KIT_VERSION}: limits: 9 of 10 not asked."
 
@@ -98,7 +98,7 @@ def test_results_of_levels_are_numbers():
         "left_out": 0,
         "not_asked": 0,
     }
-    assert [result.passes for result in found.values()] == [True, False, True, True, True]
+    assert [result.passes for result in found.values()] == [True, False, True, True, True, True]
 
 
 WRONG = [
@@ -127,7 +127,7 @@ def test_a_report_is_json():
         "about_cause": "the move has the wrong sign",
     }
     assert found["sentences"] == report(WRONG).sentences
-    assert [level["passes"] for level in found["levels"]] == [False, True, True, True, True]
+    assert [level["passes"] for level in found["levels"]] == [False, True, True, True, True, True]
 
 
 def test_a_report_is_junit():

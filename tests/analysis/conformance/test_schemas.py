@@ -142,6 +142,11 @@ def changed(thing, path, value):
         ("normal", ["sd", 0, 0, 0], 0.0),
         ("normal", ["mean", 0, 0], 1.0),
         ("normal", ["counts"], [[[[1]]]]),
+        ("info-what", ["strategy"], "info"),
+        ("info-what", ["pool"], ...),
+        ("info-what", ["pool", 0], [1.0]),
+        ("root-j", ["strategy"], "info-what"),
+        ("info-what", ["expected", 0, "information", 0], None),
         ("fit", ["training", "where"], ...),
         ("fit", ["edges"], [0.0, 1.0]),
         ("root-j", ["taps", 0, "move"], 0.5),
@@ -230,7 +235,7 @@ def test_schemas_know_the_words_of_the_code(schemas):
     assert index["properties"]["license"]["const"] == LICENSE
     compared = [name for name in QUANTITIES if name not in FIT]
     assert properties(answer["else"]["else"]) == set(compared)
-    assert answer["else"]["else"]["required"] == [name for name in compared if name not in OPTIONAL]
+    assert answer["else"]["else"]["required"] == [name for name in compared if name not in (*OPTIONAL, "information")]
     assert answer["else"]["then"]["required"] == list(FIT)
     assert verdicts["properties"]["without"]["items"]["enum"] == compared
     assert one["quantity"]["enum"] == [*QUANTITIES, "error"]
