@@ -29,10 +29,16 @@ class Planned(NamedTuple):
 
 
 def checks() -> list[Planned]:
-    """All routes compared, all cases on each engine, and a short calibration of each route in `SHORT`."""
+    """All routes compared, all cases on each engine, and a short calibration of each route in `SHORT`.
+
+    The two that take longest come first, so that two processes end together.
+    """
     return [
         Planned("all routes", "each other, on simulated taps", _routes),
-        *(Planned(f"engine {route}", "60-digit arithmetic", partial(_conformance, route)) for route in ROUTES),
+        *(
+            Planned(f"engine {route}", "60-digit arithmetic", partial(_conformance, route))
+            for route in sorted(ROUTES, key="numpyro".__ne__)
+        ),
         *(
             Planned(f"beliefs, {_CALLED.get(route, f'engine {route}')}", "truth, on drawn episodes", work)
             for route, work in ((route, partial(_calibration, route, trials)) for route, trials in SHORT.items())

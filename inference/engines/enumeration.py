@@ -46,6 +46,9 @@ MAX_SEQUENCE = 20
 _IMPOSSIBLE = -600.0
 _PRECISION = 1e-16
 _COPIES = 8  # numbers per sample and class that a generative model holds
+_TAPS = 16
+# Compiling the sum over all paths takes seconds, twice as long with optimizations, and it runs a few times.
+_AS_IT_STANDS = {"xla_backend_optimization_level": 0, "xla_llvm_disable_expensive_passes": True}
 _AT_ONCE = 1 << 23  # numbers that one step of an enumeration holds
 
 
@@ -101,9 +104,18 @@ def log_joint(tables: TouchTables, log_prior: jax.Array, tap: jax.Array) -> jax.
     return _everywhere(at, tables, tap)
 
 
-@jax.jit
-def log_likelihoods(tables: TouchTables, taps: jax.Array) -> jax.Array:
+def log_likelihoods(tables: TouchTables, taps: ArrayLike) -> NDArray[np.float64]:
     """Log p(tap | where, hypothesis) at power 1 of every tap, shape (T, L, H)."""
+    seen = np.asarray(taps)
+    T, missing = len(seen), -len(seen) % _TAPS
+    padded = np.concatenate([seen, np.repeat(seen[-1:], missing, axis=0)])
+    parts = [np.asarray(_of_taps(tables, part)) for part in padded.reshape(-1, _TAPS, *seen.shape[1:])]
+    return np.concatenate(parts)[:T]
+
+
+@jax.jit
+def _of_taps(tables: TouchTables, taps: jax.Array) -> jax.Array:
+    """`log_likelihoods` of `_TAPS` taps, so that other numbers of taps are not compiled anew."""
     H = tables.form.shape[1]
 
     def of(tap: jax.Array) -> jax.Array:
@@ -312,7 +324,7 @@ def _split_prior(log_prior: jax.Array) -> SplitPrior:
     return SplitPrior(*(jnp.maximum(part, _IMPOSSIBLE) for part in split_prior(log_prior)))
 
 
-@jax.jit
+@partial(jax.jit, compiler_options=_AS_IT_STANDS)
 def _sequence(arguments: tuple, prefixes: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Log evidence (T,) and posteriors (T, T, S, L, M) of every prefix of a sequence; row t knows taps 0 .. t."""
     from numpyro.contrib.funsor import config_enumerate, enum  # noqa: PLC0415 - sets funsor's backend when imported

@@ -96,7 +96,7 @@ def test_any_model_is_enumerated_over_where_session_and_what(make_taps, monkeypa
     """Whether all hypotheses fit into memory at once or a few at a time; with a belief that tells states apart."""
     monkeypatch.setattr(enumeration, "_AT_ONCE", at_once)
     log_joint.clear_cache()
-    log_likelihoods.clear_cache()
+    enumeration._of_taps.clear_cache()
     taps = make_taps(L=3, M=2, J=7, K=4)
     model = replace(fit_model(name, taps, taps.grid(), FitSettings(bins=6)).model, states=STATES)
     log_belief = np.log(np.random.default_rng(1).dirichlet(np.ones(3 * 5 * 2))).reshape(3, 10)
