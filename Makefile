@@ -6,7 +6,7 @@ PY := $(VENV)/bin/python
 # Files of tests on all cores, but not on so many that memory runs short, in the order of tests/conftest.py.
 SIDE_BY_SIDE := -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
-.PHONY: docs docs-check man setup run test test-times test-all test-lowest test-newest dist dist-check sdist-test wheel-test container check format bench bench-cluster bench-quick studies audit-studies interval-studies results reference-studies strategy-studies fuzz faults firmware kills mutants house peers rig-demo citation lock clean help
+.PHONY: docs docs-check man setup run test test-times test-all test-lowest test-newest dist dist-check sdist-test wheel-test container check format bench bench-cluster bench-quick studies audit-studies interval-studies results reference-studies strategy-studies fuzz faults firmware kills mutants house peers wheel-validate rig-demo citation lock clean help
 
 setup: $(VENV)/.ready-dev
 
@@ -151,6 +151,9 @@ peers: $(VENV)/.ready-dev
 	@SCIPY_ARRAY_API=1 $(PY) -m benchmarks.peers.estimator --document docs/how-to/scikit-learn.md
 	@$(PY) -m benchmarks.peers.compare --document docs/explanation/peers.md
 
+wheel-validate: $(VENV)/.ready-dev
+	@$(PY) -m benchmarks.peers.fresh $(if $(PYTHONS),--python $(PYTHONS)) --document docs/explanation/peers.md
+
 docs: $(VENV)/.ready-docs
 	@$(PY) -m benchmarks.site.build
 
@@ -207,6 +210,7 @@ help:
 	@echo "make mutants  plant small errors and count those that tests notice, into docs/explanation/mutants.md; hours, resumes"
 	@echo "make house   print sizes and shape of the code; VERSION=REVISION measures another version, as far as nothing has to run"
 	@echo "make peers   run examples of other packages and checks of scikit-learn, into docs/explanation/peers.md and docs/how-to/scikit-learn.md"
+	@echo "make wheel-validate  run validate in fresh installations of the wheel for PYTHONS=, into docs/explanation/peers.md"
 	@echo "make fuzz    feed the decoders a million random and mutated inputs, the readers 1000 damaged files of each format (FILES=), the commands 10 damaged lines of each of 29 (LINES=)"
 	@echo "make citation  check CITATION.cff by cffconvert, which is downloaded"
 	@echo "make lock    pin the newest dependencies in constraints.txt"

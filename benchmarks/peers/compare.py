@@ -125,8 +125,10 @@ def constant(*, dynamax: bool) -> str:
     return table(head, lines)
 
 
-def page(rows: list[Compared], *, dynamax: bool) -> str:
-    """The tables of the page."""
+def page(rows: list[Compared], *, dynamax: bool, pymdp: bool) -> str:
+    """The tables of the page, with the versions that were run."""
+    versions = [f"{name} {version(name)}" for name in ("hmmlearn", *(["dynamax"] if dynamax else []))]
+    ran = [*versions, *(["pymdp 1.0.4"] if pymdp else [])]
     names = ["hmmlearn", "dynamax", "pymdp"]
     lines = []
     for row in rows:
@@ -134,7 +136,7 @@ def page(rows: list[Compared], *, dynamax: bool) -> str:
         published = f"{row.published[0]} of {row.published[1]}" if row.published[1] else ""
         lines.append([row.name, f"{row.package}, `{row.source}`", published, *each])
     head = ["example", "from", "published numbers that hold", *(f"difference from {name}" for name in names)]
-    return f"{table(head, lines)}\n\n{constant(dynamax=dynamax)}"
+    return "\n\n".join([f"Run beside it: {', '.join(ran)}.", table(head, lines), constant(dynamax=dynamax)])
 
 
 def main() -> None:
@@ -142,9 +144,8 @@ def main() -> None:
     options = parsed(ArgumentParser(description=__doc__), BLOCK)
     there = {"dynamax": find_spec("dynamax") is not None, "pymdp": packages.PYMDP in os.environ}
     rows = list(compared(**there))
-    text = page(rows, dynamax=there["dynamax"])
-    versions = ["hmmlearn", *(["dynamax"] if there["dynamax"] else [])]
-    print(text, *(f"{name} {version(name)}" for name in versions), sep="\n")
+    text = page(rows, **there)
+    print(text)
     write_block(options.document, BLOCK, text)
     sys.exit("\n".join(f"{row.name} differs." for row in rows if not row.passed) or None)
 
