@@ -1,5 +1,6 @@
 """Reader of an exported kit: cases, exact answers, tolerances and allowed choices as the files have them."""
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -14,10 +15,14 @@ from ....models.errors import InputError, check_path
 from ..answers import Allowed, Answer, given_answer
 from ..case import FORMAT, LEVELS, Case, Pinned, Training
 from ..catalogue import Kit
+from ..information import STRATEGIES
 from ..tolerance import Precision
 from .checksums import check_sums
 
 INDEX = "index.json"
+CHOICES = ("decisions", "move")
+_ROUNDING = 1e-9
+_MOST = 2.0**53
 
 
 class _Format(msgspec.Struct):
@@ -115,6 +120,9 @@ def read_kit(folder: str | Path) -> Kit:
                 f"--kit {folder}: kit {index.kit} has level {entry.level!r}, which this version of solidtouch does not "
                 "know; a newer one does."
             )
+    held = Counter(entry.level for entry in index.cases)
+    if short := [level for level in held if index.levels.get(level, 0) < held[level]]:
+        raise InputError(f"--kit {folder}: {INDEX} is not of format {FORMAT}: levels has too few cases of {short[0]}.")
     cases = {entry.case: _case(folder, f"{entry.case}.json", names) for entry in index.cases}
     return Kit(index.kit, cases, index.levels, index.precision)
 
@@ -140,7 +148,9 @@ def _case(folder: Path, name: str, names: set[str]) -> Case:
     whole = _decoded(folder, name, names, _CaseFile)
     try:
         return _pinned(whole, _plain(whole))
-    except (ValueError, OverflowError, KeyError) as error:  # also answers that are none, and lists of uneven lengths
+    except KeyError as error:
+        raise InputError(f"--kit {folder}: {name} is not of format {FORMAT}: no key {error}.") from None
+    except (ValueError, TypeError, OverflowError) as error:  # also answers that are none, and lists of uneven lengths
         raise InputError(f"--kit {folder}: {name} is not of format {FORMAT}: {error}.") from None
 
 
@@ -159,7 +169,7 @@ def _plain(whole: _CaseFile) -> Case:
         np.array([tap.move for tap in whole.taps], dtype=np.intp),
         B,
         _edges(whole),
-        None if whole.counts is None else _array("counts", whole.counts, (L, M, K, B)).astype(np.int64),
+        None if whole.counts is None else _counts(whole.counts, (L, M, K, B)),
         None if whole.probabilities is None else _array("probabilities", whole.probabilities, (L, M, K, B)),
         None if whole.training is None else _training(whole.training, (J, K)),
         whole.pseudocount,
@@ -181,7 +191,10 @@ def _plain(whole: _CaseFile) -> Case:
 
 def _pinned(whole: _CaseFile, case: Case) -> Case:
     """A case with the answers of its file."""
+    _check(case)
     answers = tuple(_answer(line, case) for line in whole.expected)
+    for quantity in set().union(*(answer.values for answer in answers)) - set(CHOICES):
+        _ = whole.tolerances[quantity]
     bounds = {name: (bound.absolute, bound.relative) for name, bound in whole.tolerances.items()}
     return case.with_answers(Pinned(answers, bounds))
 
@@ -197,11 +210,55 @@ def _answer(line: Mapping[str, Any], case: Case) -> Answer:
     return replace(answer, allowed=Allowed(decisions, {int(answer.values["move"]), *line.get("allowed_moves", ())}))
 
 
+def _check(case: Case) -> None:
+    """Checks that numbers are what they stand for.
+
+    Raises:
+        ValueError: One is not; the message names its key.
+    """
+    L, M, *_ = case.sizes.values()
+    edges, training = case.edges, case.training
+    wrong = {
+        "L": min(case.sizes.values()) < 1,
+        "edges": edges is None if training is None else edges is not None,
+        "counts": sum(given is not None for given in (case.counts, case.probabilities, training, case.mean)) != 1,
+        "mean": (case.mean is None) != (case.sd is None),
+        "sd": case.sd is not None and not (case.sd > 0).all(),
+        "strategy": {bool(case.strategy), case.strategy in STRATEGIES, case.pool is not None} == {True, False},
+        "power": not (case.power in ("J", "JK", "none") if isinstance(case.power, str) else case.power > 0),
+        "pseudocount": not 0 <= case.pseudocount < np.inf,
+        "fixation": not 0 <= case.fixation < L,
+        "where_value": len(case.where_value) != L,
+        "prior": not ((case.prior >= 0) & (case.prior <= 1)).all() or abs(case.prior.sum() - 1) > _ROUNDING,
+    }
+    wrong["edges"] |= edges is not None and not (np.diff(edges) > 0).all()
+    wrong["counts"] |= case.counts is not None and bool((case.counts < 0).any())
+    wrong["probabilities"] = case.probabilities is not None and bool((case.probabilities < 0).any())
+    if training is not None:
+        N = len(training.taps)
+        inside = training.where.shape == training.what.shape == (N,)
+        wrong["training"] = not inside or not _within(training.where, L) or not _within(training.what, M)
+    for name, is_wrong in wrong.items():
+        if is_wrong:
+            raise ValueError(f"{name} is not what it stands for")
+
+
+def _within(indices: NDArray[np.intp], end: int) -> bool:
+    return bool(((indices >= 0) & (indices < end)).all())
+
+
 def _array(name: str, values: Any, shape: tuple[int, ...]) -> NDArray[np.float64]:
     array = np.array(values, dtype=np.float64)
     if array.shape != shape:
         raise ValueError(f"{name} has shape {list(array.shape)} instead of {list(shape)}")
     return array
+
+
+def _counts(values: Any, shape: tuple[int, ...]) -> NDArray[np.int64]:
+    array = _array("counts", values, shape)
+    if not (array < _MOST).all():
+        raise ValueError("counts are too large")
+    return array.astype(np.int64)
 
 
 def _edges(whole: _CaseFile) -> NDArray[np.float64] | None:

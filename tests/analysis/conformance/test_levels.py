@@ -1,10 +1,12 @@
 """Levels of the kit, what a program may claim, and reports for other programs."""
 
 import json
+import re
 from dataclasses import replace
 from xml.etree import ElementTree as ET
 
 import pytest
+from foreign_programs import FOLDER
 from solidtouch.analysis.conformance.case import BASIC, LEVELS
 from solidtouch.analysis.conformance.catalogue import catalogue, own_kit
 from solidtouch.analysis.conformance.dataset.version import KIT_VERSION
@@ -40,6 +42,14 @@ def test_every_case_belongs_to_a_level():
         "shift-uniform-holes",
         "episode-uniform-holes",
     }
+
+
+def test_the_page_counts_the_cases_of_each_level():
+    page = (FOLDER / "README.md").read_text(encoding="utf-8")
+    rows = dict(re.findall(r"^\| `(\w+)` \| (\d+) \|", page, flags=re.MULTILINE))
+
+    assert {name: int(number) for name, number in rows.items()} == own_kit().sizes
+    assert [*rows] == [*LEVELS]
 
 
 def test_cases_are_chosen_by_level_and_by_name():

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -145,6 +146,20 @@ def test_a_folder_is_for_one_precision(small, tmp_path):
         st.conformance.run(right, kit=small, precision="single")
 
 
+def test_a_kit_of_an_older_version_is_read():
+    """As version 0.1.0 of the package wrote it; its cases are those of this version."""
+    folder = Path(__file__).parent / "older" / "kit-1.0.0"
+    report = st.conformance.run_engine("numpy", kit=folder)
+
+    assert report.passed
+    assert report.sentences[-1] == "Conformance kit 1.0.0: core: 55 of 60 not asked."
+    for name in report.found:
+        assert [*st.conformance.cases(name, kit=folder)[0].lines()] == [*catalogue()[name].lines()]
+        old, new = (st.conformance.expected(name, kit) for kit in (folder, None))
+        for one, other in zip(old, new, strict=True):
+            np.testing.assert_equal(one, other)
+
+
 def damage(name):
     return lambda folder: (folder / name).write_bytes((folder / name).read_bytes()[:-2])
 
@@ -188,7 +203,18 @@ def edited(name, **values):
         (edited("root-j.json", prior=[[1.0], [0.5, 0.5]]), "root-j.json is not of format 1: "),
         (edited("root-j.json", border="open"), "root-j.json is not of format 1: Invalid enum value 'open'"),
         (edited("root-j.json", expected=[{"tap": 1, "posterior": [[1]]}]), "posterior of shape [1, 1], [5, 3] is due."),
-        (edited("root-j.json", expected=[{}]), "root-j.json is not of format 1: 'tap'."),
+        (
+            edited("index.json", levels={"core": 7}),
+            "index.json is not of format 1: levels has too few cases of borders.",
+        ),
+        (edited("root-j.json", tolerances={}), "root-j.json is not of format 1: no key '"),
+        (edited("root-j.json", edges=[0.0, {}]), "root-j.json is not of format 1: float() argument must be"),
+        (edited("root-j.json", edges=[9.0 - b for b in range(9)]), "not of format 1: edges is not what it stands for."),
+        (edited("root-j.json", counts=None), "root-j.json is not of format 1: counts is not what it stands for."),
+        (edited("root-j.json", power="K"), "root-j.json is not of format 1: power is not what it stands for."),
+        (edited("root-j.json", fixation=5), "root-j.json is not of format 1: fixation is not what it stands for."),
+        (edited("root-j.json", strategy="info-what"), "not of format 1: strategy is not what it stands for."),
+        (edited("root-j.json", expected=[{}]), "root-j.json is not of format 1: no key 'tap'."),
     ],
 )
 def test_a_damaged_incomplete_or_newer_kit_is_refused_in_a_sentence(copy, harm, sentence):
