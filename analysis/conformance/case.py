@@ -5,7 +5,7 @@ The format is documented in docs/reference/conformance/README.md. Numbers are do
 
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -134,10 +134,6 @@ class Case:
     def objects(self) -> tuple[str, ...]:
         """Name of each what class."""
         return tuple(f"object {m}" for m in range(self.prior.shape[1]))
-
-    def with_answers(self, pinned: Pinned) -> "Case":
-        """The case with answers of a file."""
-        return replace(self, pinned=pinned)
 
     def header(self) -> dict[str, Any]:
         """The first line that a program reads."""

@@ -8,6 +8,7 @@ from ...hardware.simulator.session import simulate_session
 from ...hardware.simulator.settings import preset
 from ...models.measurement.histogram import fit
 from ..conformance.catalogue import catalogue
+from ..conformance.dataset.version import KIT_VERSION
 from ..conformance.routes import ROUTES
 from ..conformance.run import run_route
 from ..conformance.verdict import Verdict, described
@@ -36,7 +37,7 @@ def checks() -> list[Planned]:
     return [
         Planned("all routes", "each other, on simulated taps", _routes),
         *(
-            Planned(f"engine {route}", "60-digit arithmetic", partial(_conformance, route))
+            Planned(f"engine {route}", f"60-digit arithmetic, kit {KIT_VERSION}", partial(_conformance, route))
             for route in sorted(ROUTES, key="numpyro".__ne__)
         ),
         *(

@@ -164,28 +164,28 @@ def _plain(whole: _CaseFile) -> Case:
         whole.case,
         whole.about,
         whole.equations,
-        _array("prior", whole.prior, (L, M)),
-        _array("taps", taps, (len(taps), J, K)),
-        np.array([tap.move for tap in whole.taps], dtype=np.intp),
-        B,
-        _edges(whole),
-        None if whole.counts is None else _counts(whole.counts, (L, M, K, B)),
-        None if whole.probabilities is None else _array("probabilities", whole.probabilities, (L, M, K, B)),
-        None if whole.training is None else _training(whole.training, (J, K)),
-        whole.pseudocount,
-        whole.power,  # pyright: ignore[reportArgumentType] - one of the names or a number
-        whole.border,
-        tuple(whole.thresholds),
-        whole.theta_x,
-        whole.fixation,
-        tuple(whole.where_value),
-        () if ended or len(given) == len(taps) else tuple(given),
-        whole.strict_ties,
-        whole.level,
-        None if whole.mean is None else _array("mean", whole.mean, (L, M, K)),
-        None if whole.sd is None else _array("sd", whole.sd, (L, M, K)),
-        whole.strategy,
-        None if whole.pool is None else _array("pool", whole.pool, (len(whole.pool), J, K)),
+        prior=_array("prior", whole.prior, (L, M)),
+        taps=_array("taps", taps, (len(taps), J, K)),
+        moves=np.array([tap.move for tap in whole.taps], dtype=np.intp),
+        bins=B,
+        edges=_edges(whole),
+        counts=None if whole.counts is None else _counts(whole.counts, (L, M, K, B)),
+        probabilities=_given("probabilities", whole.probabilities, (L, M, K, B)),
+        training=None if whole.training is None else _training(whole.training, (J, K)),
+        mean=_given("mean", whole.mean, (L, M, K)),
+        sd=_given("sd", whole.sd, (L, M, K)),
+        pool=None if whole.pool is None else _array("pool", whole.pool, (len(whole.pool), J, K)),
+        pseudocount=whole.pseudocount,
+        power=whole.power,  # pyright: ignore[reportArgumentType] - one of the names or a number
+        border=whole.border,
+        thresholds=tuple(whole.thresholds),
+        theta_x=whole.theta_x,
+        fixation=whole.fixation,
+        strategy=whole.strategy,
+        where_value=tuple(whole.where_value),
+        answered=() if ended or len(given) == len(taps) else tuple(given),
+        strict_ties=whole.strict_ties,
+        level=whole.level,
     )
 
 
@@ -196,7 +196,7 @@ def _pinned(whole: _CaseFile, case: Case) -> Case:
     for quantity in set().union(*(answer.values for answer in answers)) - set(CHOICES):
         _ = whole.tolerances[quantity]
     bounds = {name: (bound.absolute, bound.relative) for name, bound in whole.tolerances.items()}
-    return case.with_answers(Pinned(answers, bounds))
+    return replace(case, pinned=Pinned(answers, bounds))
 
 
 def _answer(line: Mapping[str, Any], case: Case) -> Answer:
@@ -252,6 +252,10 @@ def _array(name: str, values: Any, shape: tuple[int, ...]) -> NDArray[np.float64
     if array.shape != shape:
         raise ValueError(f"{name} has shape {list(array.shape)} instead of {list(shape)}")
     return array
+
+
+def _given(name: str, values: Any, shape: tuple[int, ...]) -> NDArray[np.float64] | None:
+    return None if values is None else _array(name, values, shape)
 
 
 def _counts(values: Any, shape: tuple[int, ...]) -> NDArray[np.int64]:

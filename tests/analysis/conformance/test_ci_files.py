@@ -36,14 +36,14 @@ def test_the_action_is_one():
 @pytest.mark.parametrize(
     ("levels", "suites", "kit"),
     [
-        ("episodes", ["episodes"], False),
-        pytest.param("", ["core", "episodes", "borders", "limits"], True, marks=pytest.mark.slow),
+        ("episodes", ["episodes"], ""),
+        pytest.param("", ["core", "episodes", "borders", "limits"], "exported", marks=pytest.mark.slow),
     ],
 )
-def test_the_step_of_the_action_checks_and_reports(tmp_path, solid_c, exported, levels, suites, kit):
+def test_the_step_of_the_action_checks_and_reports(tmp_path, solid_c, request, levels, suites, kit):
     """As bash runs it on a machine of GitHub; a program that answers nothing ends it with exit code 1."""
     for command, code in ((str(solid_c[0]), 0), ("true", 1)):
-        done = check(tmp_path, command=command, levels=levels, kit=str(exported) if kit else "")
+        done = check(tmp_path, command=command, levels=levels, kit=kit and str(request.getfixturevalue(kit)))
         report = ET.parse(tmp_path / "report.xml").getroot()  # noqa: S314 - it was written here
 
         assert (done.returncode, "cases pass" in done.stdout) == (code, True), done.stderr
