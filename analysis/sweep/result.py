@@ -1,5 +1,6 @@
 """Results of a sweep, finished or not, for analysis."""
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -115,4 +116,7 @@ def _resampled(chosen: xr.Dataset) -> tuple[xr.Dataset, xr.Dataset, xr.Dataset]:
     count = drawn.count("resample")
     # Of S sessions that are left out in turn: jackknife.
     shrunk = ((sessions - 1) / sessions) ** 0.5 if sessions > 1 else 1.0
-    return chosen.sel(resample=0), float(chosen["resample_factor"]) * shrunk * drawn.std("resample", ddof=1), count
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # some versions of xarray warn of single values, which give NaN
+        spread = drawn.std("resample", ddof=1)
+    return chosen.sel(resample=0), float(chosen["resample_factor"]) * shrunk * spread, count
