@@ -19,6 +19,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
+from solidtouch.analysis.conformance.case import LEVELS
 from solidtouch.analysis.conformance.front import cases, expected, run_engine, run_program
 from solidtouch.analysis.conformance.report import ConformanceReport
 from solidtouch.analysis.conformance.routes import ROUTES
@@ -63,6 +64,9 @@ def implementations(folder: Path) -> Iterator[Implementation]:
     if compiler := shutil.which("rustc"):
         _build(compiler, "-O", "-o", folder / "rust", SOURCES / "solid.rs")
         yield Implementation("[solid.rs](solid.rs)", partial(run_program, [str(folder / "rust")]), _version(compiler))
+    words = [sys.executable, str(SOURCES / "solid.py")]
+    run = partial(run_program, words, levels=tuple(LEVELS), together=True)
+    yield Implementation("[solid.py](solid.py)", run, f"Python {platform.python_version()}")
     if octave := shutil.which("octave-cli"):
         words = [octave, "--quiet", "--path", str(SOURCES), "--eval", "solid"]
         yield Implementation("[solid.m](solid.m)", partial(run_program, words, together=True), _version(octave))

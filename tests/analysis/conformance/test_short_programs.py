@@ -1,7 +1,10 @@
 """The programs in Rust and Octave in docs/reference/conformance pass the cases of the kit."""
 
+import sys
+
 import pytest
 from foreign_programs import FOLDER, SHORT_PROGRAMS, lines_of, play, random_case
+from solidtouch.analysis.conformance.case import BASIC
 from solidtouch.analysis.conformance.front import run_program
 
 
@@ -36,7 +39,19 @@ def test_short_programs_refuse_what_they_cannot_do(short_program, wrong):
     assert f'"{next(iter(wrong))}"' in done.stderr
 
 
-@pytest.mark.parametrize("extension", ["rs", "m"])
+@pytest.mark.parametrize(
+    "levels", [["continuous", "strategies"], pytest.param([*BASIC], marks=pytest.mark.slow)], ids=["asked", "basic"]
+)
+def test_python_without_libraries_passes_all_levels(levels):
+    """Those that are asked for by name as well."""
+    words = [sys.executable, "-I", str(FOLDER / "solid.py")]
+    report = run_program(words, levels=levels, together=True)
+
+    assert report.passed, report.lines(passed=False)
+    assert [*report.levels] == levels
+
+
+@pytest.mark.parametrize("extension", ["rs", "m", "py"])
 def test_short_programs_are_short(extension):
     """Under 200 lines, none longer than those of the other files here."""
     lines = (FOLDER / f"solid.{extension}").read_text(encoding="utf-8").splitlines()
