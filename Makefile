@@ -6,7 +6,7 @@ PY := $(VENV)/bin/python
 # Files of tests on all cores, but not on so many that memory runs short, in the order of tests/conftest.py.
 SIDE_BY_SIDE := -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
-.PHONY: docs docs-check man setup run test test-times test-all test-lowest test-newest dist dist-check sdist-test wheel-test container check format bench bench-cluster bench-quick studies audit-studies interval-studies results reference-studies strategy-studies fuzz faults firmware kills mutants house peers wheel-validate rig-demo citation lock clean help
+.PHONY: docs docs-check man setup run test test-times test-all test-lowest test-newest dist dist-check sdist-test wheel-test container check format bench bench-cluster bench-quick studies audit-studies interval-studies results reference-studies posteriors strategy-studies fuzz faults firmware kills mutants house peers wheel-validate rig-demo citation lock clean help
 
 setup: $(VENV)/.ready-dev
 
@@ -121,6 +121,10 @@ reference-studies: $(VENV)/.ready-run
 	@$(PY) -m benchmarks.studies.results.open_choices --document docs/explanation/open-choices.md $(if $(RECORDED),--recorded "$(RECORDED)")
 	@$(PY) -m benchmarks.studies.beliefs.unknown --document docs/explanation/unknown-objects.md
 
+posteriors: $(VENV)/.ready-run
+	@$(PY) -m benchmarks.posteriors.make --document docs/reference/posteriors/README.md
+	@$(PY) -m benchmarks.posteriors.level --document docs/reference/posteriors/README.md
+
 strategy-studies: $(VENV)/.ready-run
 	@$(PY) -m benchmarks.studies.strategies.comparison --document docs/explanation/strategies.md $(if $(RECORDED),--recorded "$(RECORDED)")
 	@$(PY) -m benchmarks.studies.strategies.tuning --document docs/how-to/tuning.md
@@ -199,6 +203,7 @@ help:
 	@echo "make interval-studies  coverage of intervals and level of the verdict on beliefs, into docs/explanation/intervals.md; hours"
 	@echo "make results  results on simulated taps, with RECORDED=FOLDER also on recorded ones, into docs/"
 	@echo "make reference-studies  calibration of beliefs, open choices of the paper, level and power of unknown"
+	@echo "make posteriors  reference posteriors of the models and the level of the verdict on draws, half an hour"
 	@echo "make strategy-studies  strategies of moving and stopping, regret against the exact rule, tuning"
 	@echo "make docs    build the documentation site in build/site; the first run takes minutes, as notebooks run"
 	@echo "make docs-check  build it in build/site-check without running notebooks, to check pages and links; half a minute"

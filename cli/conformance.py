@@ -186,6 +186,46 @@ def check(
         raise typer.Exit(1)
 
 
+@app.command("posteriors")
+def posteriors(
+    folder: Annotated[
+        Path | None, Argument(metavar="[DIR]", help="Folder to write; default: only list them.", show_default=False)
+    ] = None,
+    force: Force = False,
+) -> None:
+    """List the reference posteriors of the measurement models, or write their data, moments and draws into a folder."""
+    with loading():
+        from ..analysis.posteriors.catalogue import NAMES, export, posterior
+    if folder is not None:
+        print(f"Files in {folder}: {export(folder, force)}; SHA256SUMS lists them.")
+        return
+    for name in NAMES:
+        known = posterior(name)
+        print(f"{name}: {len(known.numbers)} numbers, {'exact' if known.method == 'exact' else 'by chains of NUTS'}")
+        print(*(f"  {line}" for line in known.model), sep="\n")
+
+
+@app.command("draws")
+def draws(
+    name: Annotated[str, Argument(metavar="NAME", help="Of the reference posterior.", show_default=False)],
+    files: Annotated[
+        list[Path],
+        Argument(
+            metavar="FILE...", help="CSV of each chain, as Stan writes it, or netCDF of ArviZ.", show_default=False
+        ),
+    ],
+) -> None:
+    """Compare draws of a program with a reference posterior; exit code 1 if they differ or have not mixed."""
+    with loading():
+        from ..analysis.posteriors.catalogue import posterior
+        from ..analysis.posteriors.comparison import compare_draws
+        from ..analysis.posteriors.files import read_draws
+    verdict = compare_draws(posterior(name), read_draws(files))
+    print(*verdict.sentences, sep="\n")
+    if verdict.status != "pass":
+        raise typer.Exit(1)
+
+
 def _printed(report: "ConformanceReport", verbose: bool) -> bool:
     """Whether all cases pass; prints the verdicts."""
     print("\n".join(report.lines(verbose)))

@@ -52,6 +52,7 @@ EDGES = {
     "anywidget": ("analysis/live/widget.py",),
     "arviz": (
         "analysis/compare/taps.py",
+        "analysis/posteriors/comparison.py",
         "models/measurement/fits/nuts.py",
     ),
     "arviz_stats": ("analysis/compare/taps.py",),

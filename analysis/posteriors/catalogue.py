@@ -1,0 +1,100 @@
+"""The reference posteriors in the folder `data`: what is known of each, and its files for other programs."""
+
+import json
+import shutil
+from collections.abc import Mapping
+from functools import cache
+from importlib.resources import as_file, files
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from ...models.errors import InputError
+from ...models.storage import complete_folder
+from .quantities import Scale
+
+NAMES = (
+    "histogram",
+    "gaussian",
+    "student",
+    "profile",
+    "profile-ar",
+    "profile-mvn",
+    "matrix-normal",
+    "smooth",
+    "session",
+)
+"""Those of the measurement models."""
+
+
+class Number(NamedTuple):
+    """What is known of one number of a posterior.
+
+    Attributes:
+        name: Such as `level.1.2.1`.
+        scale: On which it is compared.
+        mean: On that scale.
+        mcse_mean: Monte Carlo standard error of the mean, 0 if it is exact.
+        variance: On that scale.
+        mcse_variance: Monte Carlo standard error of the variance.
+        sd_square: Standard deviation of the squared distance from the mean; 0 for classes.
+    """
+
+    name: str
+    scale: Scale
+    mean: float
+    mcse_mean: float
+    variance: float
+    mcse_variance: float
+    sd_square: float
+
+
+class ReferencePosterior(NamedTuple):
+    """A posterior that draws are compared with.
+
+    Attributes:
+        name: Of the model.
+        model: Its prior and likelihood, in lines of text.
+        method: How its moments were found: `exact` or `nuts`.
+        numbers: All that are compared.
+        diagnostics: Of the chains, by name; none if it is exact.
+    """
+
+    name: str
+    model: tuple[str, ...]
+    method: str
+    numbers: tuple[Number, ...]
+    diagnostics: Mapping[str, float] | None
+
+
+@cache
+def posterior(name: str) -> ReferencePosterior:
+    """A reference posterior.
+
+    Raises:
+        InputError: There is none of this name.
+    """
+    if name not in NAMES:
+        raise InputError(f"There is no reference posterior {name!r}; choose from {', '.join(NAMES)}.")
+    about: dict[str, Any] = json.loads(_folder().joinpath(f"{name}.json").read_text(encoding="utf-8"))
+    numbers = tuple(Number(**row) for row in about["summary"])
+    return ReferencePosterior(name, tuple(about["model"]), about["method"], numbers, about["diagnostics"])
+
+
+def export(folder: str | Path, force: bool = False) -> int:
+    """Writes all files of the reference posteriors, all or none.
+
+    Returns:
+        Their number.
+
+    Raises:
+        InputError: The folder cannot be written, or exists and `force` is not set.
+    """
+    with as_file(_folder()) as source, complete_folder(folder, force) as temporary:
+        found = sorted(path for path in source.iterdir() if path.suffix in {".gz", ".json", ""} and path.is_file())
+        for path in found:
+            shutil.copyfile(path, temporary / path.name)
+    return len(found)
+
+
+def _folder() -> Any:
+    return files(__package__ or "") / "data"
