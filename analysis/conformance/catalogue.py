@@ -44,7 +44,7 @@ class Kit:
                 raise InputError(f"--level {level}: it must be one of {', '.join(LEVELS)}.")
         if not names and not levels:
             return list(self.cases.values())
-        named = [self.cases[name] for name in names]
+        named = [self.cases[name] for name in dict.fromkeys(names)]
         return named + [case for case in self.cases.values() if case.level in levels and case.name not in names]
 
 

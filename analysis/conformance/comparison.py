@@ -7,6 +7,7 @@ import numpy as np
 
 from .answers import OPTIONAL, QUANTITIES, Answer
 from .case import Case
+from .program import printable
 from .tolerance import Tolerance, allowed_decisions, allowed_moves
 
 _LABELS = {
@@ -65,7 +66,7 @@ def _compare(
     case: Case, right: Answer, given: Answer, tolerances: dict[str, Tolerance], without: Sequence[str]
 ) -> tuple[str, str] | None:
     if right.error != given.error:
-        said, due = given.error or "an answer", right.error or "an answer"
+        said, due = printable((given.error or "an answer")[:60]), right.error or "an answer"
         return "error", f"it says {said} where {due} is due"
     for name in QUANTITIES:
         if name not in right.values or (name not in given.values and name in (*OPTIONAL, *without)):

@@ -1,5 +1,6 @@
 """SHA256SUMS of a folder, as `sha256sum -c` reads it."""
 
+import errno
 import hashlib
 import re
 from pathlib import Path
@@ -12,8 +13,15 @@ _LINE = re.compile(r"([0-9a-f]{64})  ([A-Za-z0-9][A-Za-z0-9._-]*)")
 
 def sha256(path: Path) -> str:
     """The checksum of a file, in hexadecimal digits."""
+    _check_regular(path)
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _check_regular(path: Path) -> None:
+    """Refuses a pipe, which would be waited for, and a device, which would be read without end."""
+    if path.exists() and not path.is_file():
+        raise OSError(errno.EINVAL, "not a file")
 
 
 def write_sums(folder: Path) -> None:
@@ -30,6 +38,7 @@ def check_sums(folder: Path) -> list[str]:
     """
     path = folder / SUMS
     try:
+        _check_regular(path)
         lines = path.read_text(encoding="ascii").splitlines()
     except FileNotFoundError:
         raise InputError(f"--kit {folder}: incomplete: {SUMS} is missing.") from None

@@ -1,7 +1,7 @@
 """Reader of an exported kit: cases, exact answers, tolerances and allowed choices as the files have them."""
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ....inference.reference import Border
 from ....models.errors import InputError, check_path
-from ..answers import Allowed, Answer, given_answer
+from ..answers import FIT, OPTIONAL, QUANTITIES, Allowed, Answer, given_answer
 from ..case import FORMAT, LEVELS, Case, Pinned, Training
 from ..catalogue import Kit
 from ..information import STRATEGIES
@@ -60,6 +60,13 @@ class _TrainingTaps(msgspec.Struct):
     taps: list[list[list[float]]]
     where: list[int]
     what: list[int]
+
+
+class _Choices(msgspec.Struct):
+    """What passes beside the right choices of an answer."""
+
+    allowed_decisions: list[list[int | None]] | None = None
+    allowed_moves: list[int] = []
 
 
 class _Bounds(msgspec.Struct):
@@ -114,6 +121,8 @@ def read_kit(folder: str | Path) -> Kit:
         raise InputError(f"--kit {folder}: not a folder.")
     names = set(check_sums(folder))
     index = _decoded(folder, INDEX, names, _Index)
+    if not index.kit.isprintable():
+        raise InputError(f"--kit {folder}: {INDEX} is not of format {FORMAT}: kit is no version.")
     for entry in index.cases:
         if entry.level not in LEVELS:
             raise InputError(
@@ -123,7 +132,13 @@ def read_kit(folder: str | Path) -> Kit:
     held = Counter(entry.level for entry in index.cases)
     if short := [level for level in held if index.levels.get(level, 0) < held[level]]:
         raise InputError(f"--kit {folder}: {INDEX} is not of format {FORMAT}: levels has too few cases of {short[0]}.")
-    cases = {entry.case: _case(folder, f"{entry.case}.json", names) for entry in index.cases}
+    cases: dict[str, Case] = {}
+    for entry in index.cases:
+        case = _case(folder, f"{entry.case}.json", names)
+        if case.name in cases or case.level != entry.level:
+            said = "it is listed twice" if case.name in cases else f"its file has level {case.level!r}"
+            raise InputError(f"--kit {folder}: {INDEX} is not of format {FORMAT}: case {case.name}: {said}.")
+        cases[case.name] = case
     return Kit(index.kit, cases, index.levels, index.precision)
 
 
@@ -150,7 +165,7 @@ def _case(folder: Path, name: str, names: set[str]) -> Case:
         return _pinned(whole, _plain(whole))
     except KeyError as error:
         raise InputError(f"--kit {folder}: {name} is not of format {FORMAT}: no key {error}.") from None
-    except (ValueError, TypeError, OverflowError) as error:  # also answers that are none, and lists of uneven lengths
+    except (ValueError, TypeError, OverflowError, msgspec.MsgspecError) as error:  # also bad answers
         raise InputError(f"--kit {folder}: {name} is not of format {FORMAT}: {error}.") from None
 
 
@@ -193,6 +208,7 @@ def _pinned(whole: _CaseFile, case: Case) -> Case:
     """A case with the answers of its file."""
     _check(case)
     answers = tuple(_answer(line, case) for line in whole.expected)
+    _check_answers(case, answers)
     for quantity in set().union(*(answer.values for answer in answers)) - set(CHOICES):
         _ = whole.tolerances[quantity]
     bounds = {name: (bound.absolute, bound.relative) for name, bound in whole.tolerances.items()}
@@ -205,9 +221,26 @@ def _answer(line: Mapping[str, Any], case: Case) -> Answer:
     if "decisions" not in answer.values:
         return answer
     right = answer.values["decisions"].tolist()
-    also = line.get("allowed_decisions", [[] for _ in right])
+    passing = msgspec.convert(line, _Choices)
+    also = passing.allowed_decisions or [[] for _ in right]
     decisions = [{index, *(-1 if m is None else m for m in more)} for index, more in zip(right, also, strict=True)]
-    return replace(answer, allowed=Allowed(decisions, {int(answer.values["move"]), *line.get("allowed_moves", ())}))
+    return replace(answer, allowed=Allowed(decisions, {int(answer.values["move"]), *passing.allowed_moves}))
+
+
+def _check_answers(case: Case, answers: Sequence[Answer]) -> None:
+    """Checks that answers belong to taps in their order, and that none lacks a quantity, which would not be compared.
+
+    Raises:
+        ValueError: They do not.
+        KeyError: One does.
+    """
+    taps = [answer.tap for answer in answers]
+    if not taps or taps != sorted({*taps}) or not 0 <= taps[0] <= taps[-1] <= len(case.taps):
+        raise ValueError("expected is not what it stands for")
+    due = {*QUANTITIES} - {*FIT, *OPTIONAL} - ({"information"} if not case.strategy else set())
+    for answer in answers:
+        for quantity in () if answer.error is not None else due if answer.tap else FIT:
+            _ = answer.values[quantity]
 
 
 def _check(case: Case) -> None:
@@ -219,6 +252,7 @@ def _check(case: Case) -> None:
     L, M, *_ = case.sizes.values()
     edges, training = case.edges, case.training
     wrong = {
+        "about": not case.about.isprintable(),
         "L": min(case.sizes.values()) < 1,
         "edges": edges is None if training is None else edges is not None,
         "counts": sum(given is not None for given in (case.counts, case.probabilities, training, case.mean)) != 1,

@@ -200,3 +200,7 @@ def test_a_range_is_over_all_classes_and_taxels():
     assert high[2] != low[2]
     assert training.where[high[0]] != training.where[low[0]]
     assert training.what[high[0]] != training.what[low[0]]
+
+
+def test_a_case_that_is_named_twice_is_asked_once():
+    assert [case.name for case in own_kit().select(["ties", "root-j", "ties"])] == ["ties", "root-j"]

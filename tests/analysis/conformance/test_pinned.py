@@ -1,6 +1,7 @@
 """An exported kit in place of the cases of this version."""
 
 import json
+import os
 import shutil
 from pathlib import Path
 
@@ -172,6 +173,16 @@ def edited(name, **values):
     return lambda folder: edit(folder, name, lambda whole: whole.update(values))
 
 
+def of_first_answer(**values):
+    return lambda folder: edit(folder, "root-j.json", lambda whole: whole["expected"][0].update(values))
+
+
+def in_place_of_a_file(folder):
+    """A pipe that nobody writes to."""
+    (folder / "fit.jsonl").unlink()
+    os.mkfifo(folder / "fit.jsonl")
+
+
 @pytest.mark.parametrize(
     ("harm", "sentence"),
     [
@@ -214,6 +225,21 @@ def edited(name, **values):
         (edited("root-j.json", power="K"), "root-j.json is not of format 1: power is not what it stands for."),
         (edited("root-j.json", fixation=5), "root-j.json is not of format 1: fixation is not what it stands for."),
         (edited("root-j.json", strategy="info-what"), "not of format 1: strategy is not what it stands for."),
+        (
+            lambda folder: edit(folder, "index.json", lambda whole: whole["cases"].append(whole["cases"][0])),
+            "index.json is not of format 1: case root-j: it is listed twice.",
+        ),
+        (edited("root-j.json", level="borders"), "index.json is not of format 1: case root-j: its file has level"),
+        (edited("index.json", kit="1\x1b[2J"), "index.json is not of format 1: kit is no version."),
+        (edited("root-j.json", about="\x1b[2J"), "root-j.json is not of format 1: about is not what it stands for."),
+        (edited("root-j.json", expected=[]), "root-j.json is not of format 1: expected is not what it stands for."),
+        (of_first_answer(tap=5), "root-j.json is not of format 1: expected is not what it stands for."),
+        (of_first_answer(allowed_moves=["a"]), "root-j.json is not of format 1: Expected `int`, got `str`"),
+        (
+            lambda folder: edit(folder, "root-j.json", lambda whole: whole["expected"][0].pop("posterior")),
+            "root-j.json is not of format 1: no key 'posterior'.",
+        ),
+        (in_place_of_a_file, "copy: fit.jsonl cannot be read: not a file."),
         (edited("root-j.json", expected=[{}]), "root-j.json is not of format 1: no key 'tap'."),
     ],
 )

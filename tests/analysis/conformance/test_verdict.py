@@ -111,6 +111,14 @@ def test_an_answer_to_an_impossible_tap_differs_and_so_does_an_error_without_rea
     assert "where an answer is due" in judge(CASE, [Answer(1, error="zero_evidence")], "double").sentence
 
 
+def test_an_error_of_a_program_does_not_paint_on_a_terminal_nor_break_a_report():
+    """As JSON can name half of a letter, which no text may hold."""
+    text = json.dumps({"case": CASE.name, "tap": 1, "error": "\ud800\x1b[2J\n" + 1000 * "x"})
+    sentence = judge_output(CASE, Ended(text.encode(), ""), "double").sentence
+
+    assert sentence == f"it says ??[2J?{54 * 'x'} where an answer is due"
+
+
 LINES = output(CASE).splitlines(keepends=True)
 
 

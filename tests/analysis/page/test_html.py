@@ -237,8 +237,10 @@ def test_curves_keep_what_they_are_called():
     names = ["it's", 'a "b" & <c>', "&#39;", "100 %"]
     curves = [CurvePanel(name, "", "", (0, 0, 1, 1), [CurveSeries(name, "#000", [], [])]) for name in names]
     image = Image("data:image/png;base64,AAAA", 672, curves=html._as_json(curves))
-    (figure,) = Parsed(html.render_page(PAGE, {"fig1": image})).of("figure")
+    page = html.render_page(PAGE, {"fig1": image})
+    (figure,) = Parsed(page).of("figure")
 
+    assert 'data-curves=\'[{"title":"it&#39;s",' in page
     assert [panel["title"] for panel in json.loads(figure["data-curves"])] == names
 
 
