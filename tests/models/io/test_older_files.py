@@ -13,6 +13,7 @@ import h5py
 import msgspec
 import numpy as np
 import pytest
+from solidtouch.analysis.conformance import case
 from solidtouch.analysis.live import saved
 from solidtouch.analysis.page.labelled import NUMBERS_FORMAT
 from solidtouch.analysis.sweep import store
@@ -31,7 +32,7 @@ VERSIONS = Path(__file__).parents[3] / "docs/reference/versions.md"
 def test_the_table_has_the_formats_that_are_written():
     rows = re.findall(r"^\| (.+?) \|.*?\| (\d+) \|", VERSIONS.read_text(encoding="utf-8"), flags=re.MULTILINE)
 
-    assert {name.split("`")[-2]: int(number) for name, number in rows} == {
+    assert {re.sub(r".*`(.*)`.*", r"\1", name): int(number) for name, number in rows} == {
         "*.nc": taps.FORMAT,
         "model.nc": model.FORMAT,
         "model.json": export.FORMAT,
@@ -41,6 +42,7 @@ def test_the_table_has_the_formats_that_are_written():
         "compare.nc": NUMBERS_FORMAT,
         "study.zarr": store.FORMAT,
         "tune --online": online.FORMAT,
+        "conformance kit": case.FORMAT,
     }
 
 
