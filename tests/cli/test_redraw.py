@@ -149,7 +149,8 @@ def test_every_variable_is_documented(name, section, stored):
         groups = {group.path.strip("/"): group.to_dataset().load() for group in tree.subtree}
     for path, group in groups.items():
         for variable, data in group.data_vars.items():
-            plain = str(variable).removesuffix("_low").removesuffix("_high").removesuffix("_difference")
+            plain = str(variable).removesuffix("_low").removesuffix("_high")
+            plain = plain.removesuffix("_difference").removesuffix("_step")
             dims, unit = rows[path, plain]
             seen.add((path, plain))
             assert dims == ", ".join(map(str, data.dims)), (path, variable)
