@@ -5,6 +5,7 @@ import re
 from dataclasses import replace
 from xml.etree import ElementTree as ET
 
+import numpy as np
 import pytest
 from foreign_programs import FOLDER
 from solidtouch.analysis.conformance.case import BASIC, LEVELS
@@ -179,3 +180,15 @@ def test_a_report_of_a_check_holds_its_levels(name):
 
     assert found.passed
     assert found.levels["core"].not_asked == found.levels["core"].cases - 1
+
+
+def test_rounding_may_favour_any_move_where_none_tells_anything():
+    """As in plain arithmetic the only tap that can come has the sum of all beliefs, 1 but for rounding."""
+
+    def rounded(case):
+        for answer in st.conformance.expected(case.name):
+            told = np.zeros(len(answer["where"]))
+            told[3] = 2.2e-16
+            yield answer | {"information": told, "move": 3 - int(answer["where"].argmax())}
+
+    assert st.conformance.run(rounded, ["info-pool-of-one"]).passed
