@@ -9,6 +9,7 @@ import tomllib
 from pathlib import Path
 
 ROOT = Path(__file__).parent
+_LINK = r"(`+[^`]+`+)|(!?)\[((?:[^][]|\[[^][]*\])*)\]\(([^)\s]+)\)"  # code first, in which nothing is a link
 
 
 def description(readme: str, source: str = "", tag: str = "") -> str:
@@ -21,15 +22,18 @@ def description(readme: str, source: str = "", tag: str = "") -> str:
     """
 
     def pointed(link: re.Match[str]) -> str:
-        picture, text, target = link.groups()
-        if "://" in target or target.startswith("#"):
-            return link[0]
+        code, picture, text, target = link.groups()
+        if code:
+            return code
+        text = re.sub(_LINK, pointed, text)  # a picture may be what is clicked
+        if re.match("#|[a-z]+:", target):
+            return f"{picture}[{text}]({target})"
         if source:
             return f"{picture}[{text}]({source}/{'raw' if picture else 'blob'}/{tag}/{target})"
         return "" if picture else text
 
     parts = re.split(r"(^```.*?^```$)", readme, flags=re.MULTILINE | re.DOTALL)
-    parts[::2] = [re.sub(r"(!?)\[([^]]*)\]\(([^)\s]+)\)", pointed, part) for part in parts[::2]]  # the others are code
+    parts[::2] = [re.sub(_LINK, pointed, part) for part in parts[::2]]  # the others are code
     return re.sub(r"\n{3,}", "\n\n", "".join(parts))
 
 

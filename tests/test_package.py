@@ -90,6 +90,19 @@ def test_on_an_index_links_lead_to_a_repository_that_is_known(description):
     assert description(page) == " b [d](https://e.org)\n\n```sh\n[f](g)\n```"
 
 
+@pytest.mark.parametrize(
+    ("page", "plain", "pointed"),
+    [
+        ("[a [b]](c.md)", "a [b]", "[a [b]](r/blob/v1/c.md)"),
+        ("[![a](b.svg)](c.md)", "", "[![a](r/raw/v1/b.svg)](r/blob/v1/c.md)"),
+        ("`[a](b.md)` [`c`](d.md)", "`[a](b.md)` `c`", "`[a](b.md)` [`c`](r/blob/v1/d.md)"),
+        ("[a](mailto:b@c.org)", "[a](mailto:b@c.org)", "[a](mailto:b@c.org)"),
+    ],
+)
+def test_links_with_brackets_pictures_and_code_are_whole_on_an_index(description, page, plain, pointed):
+    assert (description(page), description(page, "r", "v1")) == (plain, pointed)
+
+
 def test_a_version_is_the_same_everywhere():
     """In the package, its citation, recipe and changelog, whose latest version it is."""
     version = PROJECT["version"]
