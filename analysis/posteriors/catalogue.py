@@ -9,21 +9,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ...models.errors import InputError
+from ...models.measurement.registry import NAMES
 from ...models.storage import complete_folder
 from .quantities import Scale
-
-NAMES = (
-    "histogram",
-    "gaussian",
-    "student",
-    "profile",
-    "profile-ar",
-    "profile-mvn",
-    "matrix-normal",
-    "smooth",
-    "session",
-)
-"""Those of the measurement models."""
 
 
 class Number(NamedTuple):

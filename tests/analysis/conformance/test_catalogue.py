@@ -32,7 +32,15 @@ LONG = (
     "subnormal-prior",
 )
 SHORT = [case for name, case in catalogue().items() if name not in LONG]
-UNDECIDED = ("near-ties", "threshold-reached", "one-bin", "tables-nearly-equal", "thresholds-undone", "single-range")
+UNDECIDED = (
+    "near-ties",
+    "threshold-reached",
+    "one-bin",
+    "tables-nearly-equal",
+    "thresholds-undone",
+    "single-range",
+    "info-pool-of-one",
+)
 """Cases whose beliefs are as equal as rounding goes, and those beside `shift-` that lose all belief."""
 
 

@@ -21,7 +21,7 @@ import solidtouch as st
 
 CONTENT = {
     "1.0.0": (116, "95199ff998240bf7f1a0706b6897dfcb8e79fff4df7be2bed0150e1a37f1813e"),
-    "1.1.0": (134, "5cded5f6f17fe2f5c748a35e6ad87e89f811b1d9a15586fd7db1f0f3a8220be3"),
+    "1.1.0": (134, "58d3ef5ca61ee2ee1d69ead50ae7e79d7abcedc7d123afd4e242328f7aabf007"),
 }
 """Number of cases of each version of the kit, and the checksum of them and their answers."""
 CC0 = "https://creativecommons.org/publicdomain/zero/1.0/"
