@@ -14,10 +14,12 @@ from importlib import import_module
 from pathlib import Path
 
 WORKS = {
-    **{name: f"trials.{name}" for name in ("decisions", "gpu", "peers", "whole")},
+    **{name: f"trials.{name}" for name in ("decisions", "peers", "whole")},
     **{name: name for name in ("likelihood", "likelihood_peers", "information", "startup")},
 }
 """Modules by the names of their works."""
+ALONE = {"gpu": "gpu"}
+"""Likewise those that `--only` measures alone, as they need another machine."""
 PARTS = ("machine", "works", "exponents", "memory")
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
@@ -28,7 +30,7 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="tiny sizes, to test that everything runs")
     parser.add_argument("--out", type=Path, default=Path("runs/benchmarks"), help="output folder")
     parser.add_argument("--document", type=Path, help="page to update")
-    parser.add_argument("--only", choices=WORKS, help="run one work and update its block of the page")
+    parser.add_argument("--only", choices=WORKS | ALONE, help="run one work and update its block of the page")
     options = parser.parse_args()
     os.environ.update(dict.fromkeys(ONE_THREAD, "1"))  # read when NumPy and its libraries are loaded, below
     from benchmarks.speed.rows import on_cores  # noqa: PLC0415
@@ -90,7 +92,7 @@ def run(quick: bool, out: Path, document: Path | None) -> None:
 
 
 def _module(work):
-    return import_module(f"benchmarks.speed.{WORKS[work]}")
+    return import_module(f"benchmarks.speed.{(WORKS | ALONE)[work]}")
 
 
 def _say(name, measure):

@@ -4,6 +4,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from array_device import ARRAYS, PLATFORM
 from slow_cases import slow_but
 from solidtouch.hardware.replay import ReplayRig
 from solidtouch.hardware.simulator.model_rig import draw_taps
@@ -174,11 +175,11 @@ def test_fresh_trials_are_played_on_the_processor_only(table, plan):
     ),
 )
 def test_arrays_decide_as_loops_do(monkeypatch, play, theta_x, border, slots):
-    """The code for graphics processors, on the processor: in slots that are refilled and in more slots than trials."""
+    """The code for GPUs: in slots that are refilled and in more slots than trials."""
     pytest.importorskip("jax")
-    monkeypatch.setitem(device._SLOTS, "cpu", slots)
+    monkeypatch.setitem(device._SLOTS, PLATFORM, slots)
 
-    assert_same(play(theta_x, border), play.__wrapped__(theta_x, border, device="xla-cpu"))
+    assert_same(play(theta_x, border), play.__wrapped__(theta_x, border, device=ARRAYS))
 
 
 @pytest.mark.parametrize("fresh", [False, True])
@@ -285,7 +286,7 @@ def impossible_table():
 
 @pytest.mark.parametrize(
     ("deadline", "where_to"),
-    slow_but([(2, "cpu"), (60, "xla-cpu")], [(2, "cpu"), (2, "xla-cpu"), (60, "cpu"), (60, "xla-cpu")]),
+    slow_but([(2, "cpu"), (60, ARRAYS)], [(2, "cpu"), (2, ARRAYS), (60, "cpu"), (60, ARRAYS)]),
 )
 def test_an_impossible_tap_ends_the_trial_undecided(where_to, deadline):
     """With what was most probable before it, which may be the last tap before the deadline."""
@@ -307,7 +308,7 @@ def test_an_impossible_tap_ends_the_trial_undecided(where_to, deadline):
     assert not trials.no_class_left[:, 1].any()
 
 
-@pytest.mark.parametrize("where_to", ["cpu", "xla-cpu"])
+@pytest.mark.parametrize("where_to", ["cpu", ARRAYS])
 def test_a_first_tap_may_be_impossible(where_to):
     """Also where it would have decided at once."""
     table = impossible_table()._replace(log_prior=np.array([[-np.inf, 0.0]]))
@@ -368,7 +369,7 @@ def test_a_move_needs_more_belief_than_its_threshold():
     assert (stays, moves) == (0, 1)
 
 
-@pytest.mark.parametrize("where_to", ["cpu", "xla-cpu"])
+@pytest.mark.parametrize("where_to", ["cpu", ARRAYS])
 def test_a_single_object_does_not_cross_a_threshold_of_one(where_to):
     """Every belief in it is one, up to the last digit, which may lie above."""
     rng = np.random.default_rng(0)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from array_device import ARRAYS
 from solidtouch.hardware.replay import ReplayRig
 from solidtouch.inference.engines.engine import make_engine
 from solidtouch.inference.episode import perceive
@@ -42,7 +43,7 @@ def test_every_route_plays_the_same_trials(border):
     plan = plan_trials(table.pool, 60, 3, 1)
     assert set(plan.session.tolist()) == {0, 1, 2}
     settings = PlaySettings(theta_x=0.3, border=border, deadline=12)
-    loops, arrays = (run_trials(table, plan, THETAS, play=settings, seed=8, device=at) for at in ("cpu", "xla-cpu"))
+    loops, arrays = (run_trials(table, plan, THETAS, play=settings, seed=8, device=at) for at in ("cpu", ARRAYS))
     steps = trials_of(play(table, plan, fixation(1, 0.3), border=border, deadline=12, seed=8), THETAS)
     for name in loops._fields:
         for other in (arrays, steps):

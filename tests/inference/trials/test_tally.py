@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from array_device import ARRAYS
 from solidtouch.inference.trials import run as montecarlo
 from solidtouch.inference.trials.records import TapTable, plan_trials
 from solidtouch.inference.trials.run import run_trials
@@ -88,7 +89,7 @@ def test_threads_change_no_bit(monkeypatch, table):
 def test_arrays_count_as_loops_do(table):
     expected = tally_trials(table, THETAS, TRIALS, **RULE)
 
-    assert_equal(expected, tally_trials(table, THETAS, TRIALS, **RULE, device="xla-cpu"))
+    assert_equal(expected, tally_trials(table, THETAS, TRIALS, **RULE, device=ARRAYS))
 
 
 def test_parts_add_up(table, kept):
