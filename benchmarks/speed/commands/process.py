@@ -20,6 +20,7 @@ with open(sys.argv[1], "w") as file:
     json.dump(measured, file)
 """
 """A small process between this one and the measured one, whose peak memory would otherwise begin with that of this."""
+_NO_BYTECODE = "PYTHONDONTWRITEBYTECODE"
 _MAXRSS = 1 if sys.platform == "darwin" else 1024  # bytes
 
 
@@ -42,7 +43,7 @@ class Spent(NamedTuple):
 def spent(
     words: Sequence[str], folder: Path, variables: Mapping[str, str] | None = None, inside: bool = False
 ) -> Spent:
-    """Runs a program in a folder.
+    """Runs a program in a folder; Python keeps its bytecode, as it does in an installation.
 
     Args:
         words: Path of the program and its arguments.
@@ -53,12 +54,13 @@ def spent(
     Raises:
         RuntimeError: It ends with another exit code than 0.
     """
+    surroundings = {name: value for name, value in os.environ.items() if name != _NO_BYTECODE}
     with tempfile.TemporaryDirectory() as beside:
         report = Path(beside) / "measured.json"
         launch = [sys.executable, "-I", "-S", "-c", _LAUNCH, str(report), *words]
         busy, began = _busy_s(), time.perf_counter()
         done = subprocess.run(  # noqa: S603
-            launch, cwd=folder, env={**os.environ, **(variables or {})}, capture_output=True, text=True, check=True
+            launch, cwd=folder, env=surroundings | dict(variables or {}), capture_output=True, text=True, check=True
         )
         taken, busy = time.perf_counter() - began, _busy_s() - busy
         seconds, processor_s, peak, code = json.loads(report.read_text(encoding="utf-8"))
