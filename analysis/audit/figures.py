@@ -22,7 +22,7 @@ from ..page.figure_sizes import TWO_COLUMNS, key, new_figure
 from ..page.figure_style import ACTIVE, DECIDED, MOST_FACTOR, OTHERS, TRUE, axis_label, label_panel, short, styled
 from .leakage.run import Leakage
 from .remedy_scores import Measured
-from .variance.causes import first_cause, is_cause, part_words
+from .variance.causes import first_cause, is_cause, part_words, seen
 
 type Interval = tuple[float | None, float | None, float | None]
 """An estimate with the ends of its interval; `None`, NaN or infinite where there is none."""
@@ -57,6 +57,11 @@ def causes(split: xr.Dataset, named: str | None = None) -> Figure | None:
     plot_causes(axes[0, 0], split, first_cause(split.fillna(0.0)) if named is None else named)
     _cause_key(figure, axes[0, 0])
     return figure
+
+
+def seen_causes(split: xr.Dataset, named: str) -> Figure | None:
+    """`causes` without the numbers of parts that these taps cannot show."""
+    return causes(seen(split), named)
 
 
 def plot_causes(axes: Axes, split: xr.Dataset, named: str | None) -> Axes:

@@ -14,6 +14,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, LogLocator, NullFormatter, NullLocator
 from numpy.typing import ArrayLike, NDArray
 
+from ...models.grid import ClassGrid
+from ..page.figure_confusion import confusion
 from ..page.figure_sizes import TWO_COLUMNS, key, new_figure
 from ..page.figure_style import (
     ACTIVE,
@@ -38,6 +40,21 @@ _NAMED = 8  # objects that a key names; beyond, lines are grey
 _LEAST = 1e-4  # where fractions on a log axis end: what is below is drawn there
 _LOWEST = 0.01  # likewise of factors
 _LEAST_END = 0.05  # of intervals that an axis of factors stretches to hold
+
+
+def confusions(data: xr.Dataset, grid: ClassGrid, theta: float) -> Figure:
+    """Confusion of objects by all decisions at the threshold nearest to a given one, a panel for each policy.
+
+    Args:
+        data: From `reliability.reliability`.
+        grid: The classes.
+        theta: The threshold.
+    """
+    tables = {
+        str(policy): at_stopping(data, str(policy)).sel(theta=theta, method="nearest")["confusion"].sel(counted="all")
+        for policy in np.unique(data["policy"])
+    }
+    return confusion(tables.get("passive"), tables.get("active"), list(grid.what_name), theta)
 
 
 @styled

@@ -9,7 +9,7 @@ from ..page.numbers import factor, interval, number, percent
 from ..page.page import Block, Brief, Cautions, Listing, Note, Page, Picture, Row, Section, Table, Verbatim
 from .page_evidence import evidence_blocks, triple
 from .run import Audit
-from .summary import seen
+from .verdict import shown_cause
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -50,7 +50,7 @@ def _causes(audit: Audit, summary: Row) -> Iterator[Block]:
     evidence = summary["first_cause"]["evidence"]
     variance = evidence["variance"]
     if audit.split is not None and variance is not None and variance["classes"]:
-        yield from _variance(audit.split, variance, summary["first_cause"]["name"] or "")
+        yield from _variance(audit.split, variance, shown_cause(audit.leakage, audit.split, audit.session_p))
     else:
         yield (
             "The variance of the evidence cannot be decomposed: "
@@ -65,7 +65,7 @@ def _variance(split: "xr.Dataset", variance: Row, cause: str) -> Iterator[Block]
         f"Shares of the variance of the evidence of {variance['taps']} taps of one class and session, with 95% "
         "intervals over classes; pale bars are not significant. Shares are differences of estimates, so they may lie "
         "below 0 or above 1.",
-        partial(figures.causes, seen(split), cause),
+        partial(figures.seen_causes, split, cause),
         narrow=True,
     )
     said = (

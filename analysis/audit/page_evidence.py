@@ -5,7 +5,6 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from ..page.ahead import later
-from ..page.figure_confusion import confusion
 from ..page.numbers import bounded, factor, interval, number, percent
 from ..page.page import Block, Listing, Picture, Row, Section, Table
 from .run import Audit
@@ -228,7 +227,7 @@ def _lost(summary: Row) -> str:
 
 
 def _cost_pictures(audit: Audit, summary: Row) -> Iterator[Picture]:
-    cost, theta = summary["miscalibration"]["evidence"], summary["threshold"]
+    theta = summary["threshold"]
     yield Picture(
         "at_stopping",
         "Error rate at stopping",
@@ -244,13 +243,11 @@ def _cost_pictures(audit: Audit, summary: Row) -> Iterator[Picture]:
         partial(figures_reliability.guarantee_factors, audit.guarantees),
     )
     if audit.grid.M > 1:
-        both = [cost["at_stopping"], *cost["other_policy"].values()]
-        tables = {at["policy"]: at["confusion"] for at in both}
         yield Picture(
             "confusion",
             "Confusion of objects",
             f"Fraction of decisions at threshold {theta:g}; each row is a true object.",
-            partial(confusion, tables.get("passive"), tables.get("active"), list(audit.grid.what_name), theta),
+            partial(figures_reliability.confusions, audit.measured.reliability, audit.grid, theta),
         )
 
 

@@ -172,7 +172,7 @@ def measure(
     reliable = decisions(
         tables[base.name], base.grid, base.setting, thetas, trials=trials, seed=seed, resamples=resamples
     )
-    draw_ahead(_figures(reliable))
+    draw_ahead(_figures(reliable, base))
     as_it_is = headline(reliable, policy, base.setting.play.threshold)
     beliefs_of = partial(_log_beliefs, grid=base.grid, taps=shared, n=n, seed=seed, resamples=resamples)
     seen = [(alike[remedy.name], remedy) for remedy in remedies if remedy.name in alike]
@@ -213,10 +213,12 @@ def measure(
     return Measured(scores, n, time, theta, policy, judged, reliable, played, own_table)
 
 
-def _figures(reliable: xr.Dataset) -> Iterator[partial[Any]]:
+def _figures(reliable: xr.Dataset, base: Remedy) -> Iterator[partial[Any]]:
     """Figures of the setting as it is."""
     yield partial(figures_reliability.reliability_after_taps, reliable)
     yield partial(figures_reliability.reliability_at_stopping, reliable)
+    if base.grid.M > 1:
+        yield partial(figures_reliability.confusions, reliable, base.grid, base.setting.play.threshold)
 
 
 def policy_of(remedy: Remedy) -> str:

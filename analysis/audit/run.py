@@ -22,6 +22,7 @@ from ...models.threads import one_blas_thread, other_threads
 from ..experiment.before_contact import check_pre
 from ..experiment.parts import AuditParts
 from ..page.ahead import draw_ahead, later
+from ..page.figure_sizes import for_all_widths
 from ..page.stages import StageClock
 from ..stats.evidence import evidence
 from ..stats.reliability import THETAS
@@ -44,7 +45,7 @@ from .variance.causes import SEQUENCE, split_variance
 from .variance.gains import Components, variance_components
 from .variance.split import session_p
 from .variance.suspects import Suspect, named_suspects
-from .verdict import NOT_ENOUGH, calibration
+from .verdict import NOT_ENOUGH, calibration, shown_cause
 
 if TYPE_CHECKING:
     from . import figures, figures_checks, figures_reliability
@@ -213,7 +214,7 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
         promises = clock.beside(
             threads, "Checking error bounds", lambda _: _promises(base, parts.measure, grid, settings, policy_of(base))
         )
-        draw_ahead(_figures(parts, leaks, taxels, times, checks, promises))
+        draw_ahead(_figures(parts, leaks, taxels, times, parted, checks, promises))
         with clock.stage("Measuring remedies", count_measurements(remedies, settings.simulations)) as advance:
             measured = measure(
                 remedies,
@@ -225,7 +226,7 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
                 resamples=settings.resamples,
                 simulations=settings.simulations,
             )
-    draw_ahead([partial(figures.remedies, measured)])
+    draw_ahead(for_all_widths(partial(figures.remedies, measured)))
     (split, no_split, p), (promised, broken) = parted.result(), promises.result()
     with clock.stage("Tuning thresholds", 2) as advance:
         recalibrated = recalibrate(base, parts, settings.trials, seed)
@@ -263,13 +264,17 @@ def _figures(
     leaks: Future[Leakage],
     taxels: Future[xr.Dataset],
     times: Future[xr.Dataset],
+    parted: Future[tuple[xr.Dataset | None, str, float]],
     checks: Future[xr.DataTree],
     promises: Future[tuple[xr.Dataset, dict[str, PromiseTest]]],
-) -> Iterator[partial[Any]]:
+) -> Iterator[Callable[[], Any]]:
     """Figures of stages that end before the last one, in their order."""
     yield partial(figures.leakage, leaks.result())
     yield partial(figures.taxel_map, taxels.result())
     yield partial(figures.times, times.result(), parts.train.preprocessing.rate_hz)
+    split, _, p = parted.result()
+    if split is not None:
+        yield from for_all_widths(partial(figures.seen_causes, split, shown_cause(leaks.result(), split, p)))
     yield partial(figures_checks.figure_checks, checks.result())
     yield partial(figures_reliability.guarantee_factors, promises.result()[0])
 

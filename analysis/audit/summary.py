@@ -20,7 +20,7 @@ from .guarantees import broken, guarantee_sentence
 from .leakage.run import Leakage
 from .remedy_scores import BeliefEvidence, Scored, lost
 from .run import Audit, AuditSettings
-from .variance.causes import SIZES, part_words, suspect_part
+from .variance.causes import SIZES, part_words, seen
 from .verdict import (
     CAUSE_WORDS,
     MEASURING,
@@ -197,21 +197,6 @@ def _leakage(leaks: Leakage) -> Row:
         "blocks": leaks.blocks,
         "test_taps": leaks.test_taps,
     }
-
-
-def unseen_parts(split: xr.Dataset) -> set[str]:
-    """Parts of the variance of evidence that these taps cannot show."""
-    unseen = {"place", "order"} - {split.attrs["covariate"]}
-    if split.attrs["sessions"] < 2:
-        unseen |= {"session", "serial"}
-    suspects = zip(split.attrs["suspects"], split.attrs["suspect_p"], strict=True)
-    return unseen | {suspect_part(name) for name, p in suspects if not np.isfinite(p)}
-
-
-def seen(split: xr.Dataset) -> xr.Dataset:
-    """Without the numbers of parts that these taps cannot show."""
-    shown = ~split["part"].isin(sorted(unseen_parts(split)))
-    return split.assign({name: of.where(shown) for name, of in split.data_vars.items() if "part" in of.dims})
 
 
 def _variance(split: xr.Dataset | None, session_p: float) -> Row | None:

@@ -107,8 +107,8 @@ def first_cause(
         return Cause(
             LEAKAGE, f"{next(iter(leakage.sentences))} Record the classes in random order before applying any remedy."
         )
-    name = None if split is None else largest_cause(split, _unsupported(split, session_p))
-    if name is not None and split is not None:
+    name = shown_cause(leakage, split, session_p)
+    if name and split is not None:
         return Cause(name, _share_sentence(split, name))
     if state == "overconfident" and samples_per_bin < _SPARSE:
         return Cause(
@@ -117,6 +117,13 @@ def first_cause(
             "training taps or increase --pseudocount before applying a remedy for dependence.",
         )
     return Cause(None, _nothing_sentence(split))
+
+
+def shown_cause(leakage: Leakage, split: xr.Dataset | None, session_p: float) -> str:
+    """The part of the variance that is the main cause; empty where none is."""
+    if leakage.explained or split is None:
+        return ""
+    return largest_cause(split, _unsupported(split, session_p)) or ""
 
 
 def _unsupported(split: xr.Dataset, session_p: float) -> list[str]:

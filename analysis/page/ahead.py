@@ -141,4 +141,10 @@ def key_of(draw: Callable[[], Any]) -> tuple[Any, ...]:
     """A function with its arguments, which need not be hashable."""
     if not isinstance(draw, partial):
         return (draw,)
-    return draw.func, *map(id, draw.args), *((name, id(value)) for name, value in draw.keywords.items())
+    return draw.func, *map(_key, draw.args), *((name, _key(value)) for name, value in draw.keywords.items())
+
+
+def _key(value: Any) -> Any:
+    if isinstance(value, partial):
+        return key_of(value)
+    return value if isinstance(value, str | float) else id(value)

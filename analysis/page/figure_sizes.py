@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
+from functools import partial
 from itertools import pairwise
 from textwrap import fill
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
@@ -99,6 +100,11 @@ def narrowly(draw: Callable[[], Figure | None]) -> Figure | None:
     """Calls a function that draws, for a narrow window."""
     with drawn_as(NARROW):
         return draw()
+
+
+def for_all_widths(draw: Callable[[], Figure | None]) -> list[Callable[[], Figure | None]]:
+    """The function that draws a figure, and one that draws it for a narrow window."""
+    return [draw, partial(narrowly, draw)]
 
 
 def is_drawn_for_pages() -> bool:

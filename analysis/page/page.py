@@ -5,10 +5,9 @@ Text may hold `**strong**` words, `` `code` `` and links to sections, `[words](#
 
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from .figure_sizes import narrowly
+from .figure_sizes import for_all_widths
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -56,7 +55,7 @@ class Picture(NamedTuple):
     @property
     def narrow_draws(self) -> "list[Callable[[], Figure | None]]":
         """What draws it for narrow windows, if anything does."""
-        return [partial(narrowly, self.draw)] if self.narrow else []
+        return for_all_widths(self.draw)[1:] if self.narrow else []
 
 
 class Listing(NamedTuple):

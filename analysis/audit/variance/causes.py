@@ -166,6 +166,21 @@ def tells(split: xr.Dataset) -> bool:
     return not bool((causes["share_high"].values[sure] > _FAR).any())
 
 
+def unseen_parts(split: xr.Dataset) -> set[str]:
+    """Parts of the variance of evidence that these taps cannot show."""
+    unseen = {"place", "order"} - {split.attrs["covariate"]}
+    if split.attrs["sessions"] < 2:
+        unseen |= {"session", "serial"}
+    suspects = zip(split.attrs["suspects"], split.attrs["suspect_p"], strict=True)
+    return unseen | {suspect_part(name) for name, p in suspects if not np.isfinite(p)}
+
+
+def seen(split: xr.Dataset) -> xr.Dataset:
+    """Without the numbers of parts that these taps cannot show."""
+    shown = ~split["part"].isin(sorted(unseen_parts(split)))
+    return split.assign({name: of.where(shown) for name, of in split.data_vars.items() if "part" in of.dims})
+
+
 def _causes(split: xr.Dataset) -> list[str]:
     return [str(part) for part in split["part"].values if is_cause(str(part))]
 

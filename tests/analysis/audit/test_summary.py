@@ -8,7 +8,8 @@ import pytest
 import xarray as xr
 from solidtouch.analysis.audit.guarantees import PromiseTest
 from solidtouch.analysis.audit.remedy_scores import BeliefEvidence
-from solidtouch.analysis.audit.summary import _clean, _judged, _other_sessions, _tuned, seen, unseen_parts
+from solidtouch.analysis.audit.summary import _clean, _judged, _other_sessions, _tuned
+from solidtouch.analysis.audit.variance.causes import seen, unseen_parts
 from solidtouch.analysis.stats.right_exponent import Tuned
 from solidtouch.analysis.stats.right_model import Beside
 
