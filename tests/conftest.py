@@ -106,7 +106,9 @@ def _xla_compiles_once() -> Iterator[Callable[[], None]]:
 
         def share() -> None:
             for source, target in ((Path(own), kept), (kept, Path(own))):
-                for name in {entry.name for entry in source.iterdir()} - {entry.name for entry in target.iterdir()}:
+                # Folders there are XLA's own, of choices among programs of a GPU.
+                files = {entry.name for entry in source.iterdir() if entry.is_file()}
+                for name in files - {entry.name for entry in target.iterdir()}:
                     with suppress(FileNotFoundError, FileExistsError):  # another run was faster
                         (target / name).hardlink_to(source / name)
 

@@ -1,8 +1,7 @@
-"""Trials, likelihood tables and fits on the cores and on a GPU of one machine; without one, the GPU's code on the CPU.
+"""Trials, fits and likelihood tables on the cores and on a GPU of one machine; without one, the GPU's code on the CPU.
 
 Trials are those of `decisions`, in the largest batch; the transfer of tables, plans and decisions counts. Functions are
-those of docs/how-to/your-own-model.md, on taps of the paper's task. What a first call compiles does not count, but
-chains compile in every fit.
+those of docs/how-to/your-own-model.md, on taps of the paper's task. What a first call compiles does not count.
 """
 
 from collections.abc import Callable
@@ -20,14 +19,15 @@ from benchmarks.speed.rows import ALL_CORES, LIMIT, Row, interleaved, on_cores, 
 from benchmarks.speed.trials.decisions import THRESHOLD, UNIT
 from benchmarks.speed.trials.job import POLICIES, SEED, Decisions, Job, make_job, ours, paper_table
 
+ONE = "solidtouch, one core"
 BATCH = 1 << 20
-STEPS = {"svi": 800, "nuts": 50}
+STEPS = 800
 _COPIED = 1 << 28
 """Numbers that are copied at once to measure the bandwidth: 1 GiB, far more than caches hold."""
 
 
 def rows(quick: bool = False) -> list[Row]:
-    """Every work on one core and on the device, trials also on all cores."""
+    """Every work on all cores and on the device, trials also on one core."""
     return [*_trials(quick), *_functions(quick)]
 
 
@@ -41,18 +41,22 @@ def _name() -> str:
     return f"solidtouch, {device.device_kind}" if device.platform == "gpu" else "solidtouch, arrays by XLA"
 
 
+def _cores() -> str:
+    return f"solidtouch, {len(ALL_CORES)} cores"
+
+
 def _trials(quick: bool) -> list[Row]:
     found = []
     for policy in POLICIES:
         job = make_job(paper_table(), 1000 if quick else BATCH, policy, (THRESHOLD,))
         there = "gpu" if _device().platform == "gpu" else "xla-cpu"
         ways = {
-            "solidtouch, one core": partial(ours, job),
-            f"solidtouch, {len(ALL_CORES)} cores": partial(_on_all, job),
+            ONE: partial(_on_one, job),
+            _cores(): partial(ours, job, len(ALL_CORES)),
             _name(): partial(ours, job, device=there),
         }
         played = {method: way() for method, way in ways.items()}  # compiles
-        expected = played["solidtouch, one core"]
+        expected = played[ONE]
         taps = int(expected.taps.sum())
         numbers = jax.device_put(np.zeros(1 << 10 if quick else _COPIED, np.float32), _device())
         size = 3 * job.prior.nbytes * taps
@@ -69,9 +73,9 @@ def _trials(quick: bool) -> list[Row]:
     return found
 
 
-def _on_all(job: Job) -> Decisions:
-    with on_cores(len(ALL_CORES)):
-        return ours(job, len(ALL_CORES))
+def _on_one(job: Job) -> Decisions:
+    with on_cores(1):
+        return ours(job)
 
 
 def _moved(size: int, numbers: jax.Array) -> None:
@@ -85,45 +89,39 @@ _negative = jax.jit(jnp.negative)
 
 
 def _functions(quick: bool) -> list[Row]:
-    """A table of `walk`, which is computed tap by tap, and fits of `laplace`."""
+    """A variational fit of `laplace` and a table of `walk`, which is computed tap by tap."""
     train, test = st.simulate("paper", sessions=2, seed=SEED)
     if quick:
         train, test = (taps.select((taps.where < 2) & (taps.what < 2)) for taps in (train, test))
-    few, functions = train.select(slice(0, None, 20)), stories()
-    model = st.fit(train, functions["walk"], method="map", steps=STEPS["svi"], unconverged=True)
-    classes = np.prod(model.grid.shape)
-    works: dict[str, tuple[Callable[[str], NDArray[np.float64]], str]] = {
-        f"log-likelihoods of the function walk: {len(test)} taps x {classes} classes x {test.taps[0].size} samples": (
-            lambda device: _table(model, test, device),
-            "table",
-        ),
-        f"variational fit of the function laplace to {len(train)} taps": (
-            lambda device: _levels(train, functions["laplace"], "svi", device),
+    functions = stories()
+    model = st.fit(train, functions["walk"], method="map", steps=STEPS, unconverged=True)
+    size = f"{len(test)} taps x {np.prod(model.grid.shape)} classes x {test.taps[0].size} samples"
+    return [
+        *_compared(
+            f"variational fit of the function laplace to {len(train)} taps",
             "fit",
+            lambda device: _levels(train, functions["laplace"], device),
+            quick,
         ),
-        f"chains of the function laplace on {len(few)} taps, {STEPS['nuts']} steps of each of 4": (
-            lambda device: _levels(few, functions["laplace"], "nuts", device),
-            "fit",
+        *_compared(
+            f"log-likelihoods of the function walk: {size}", "table", lambda device: _table(model, test, device), quick
         ),
-    }
-    found = []
-    for work, (compute, unit) in works.items():
-        ways = {"solidtouch, one core": partial(compute, "cpu"), _name(): partial(compute, _device().platform)}
-        note = ""
-        if not work.startswith("chains"):  # which differ by more than rounding, and compile in every fit
-            here, there = (way() for way in ways.values())
-            note = f"largest difference {np.abs(here - there).max():.0e}"
-        seconds = interleaved(ways, 3 if note and not quick else 1)
-        found += [Row(work, method, times, unit, note) for method, times in seconds.items()]
-    return found
+    ]
+
+
+def _compared(work: str, unit: str, compute: Callable[[str], NDArray[np.float64]], quick: bool) -> list[Row]:
+    ways = {_cores(): partial(compute, "cpu"), _name(): partial(compute, _device().platform)}
+    here, there = (way() for way in ways.values())  # compiles
+    note = f"largest difference {np.abs(here - there).max():.0e}"
+    seconds = interleaved(ways, 1 if quick else 3)
+    return [Row(work, method, times, unit, note if method != _cores() else "") for method, times in seconds.items()]
+
+
+def _levels(taps: st.TapSet, story: Callable[..., object], device: str) -> NDArray[np.float64]:
+    """Levels of the classes by a fit."""
+    return st.fit(taps, story, steps=STEPS, unconverged=True, device=device, seed=SEED).parameters["loc"]
 
 
 def _table(model: st.TapModel, taps: st.TapSet, device: str) -> NDArray[np.float64]:
     with on_device(device):
         return model.log_likelihood(taps.taps)
-
-
-def _levels(taps: st.TapSet, story: Callable[..., object], method: str, device: str) -> NDArray[np.float64]:
-    """Levels of the classes by a fit."""
-    fitted = st.fit(taps, story, method=method, steps=STEPS[method], unconverged=True, device=device, seed=SEED)
-    return fitted.parameters["loc"]

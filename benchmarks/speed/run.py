@@ -19,7 +19,7 @@ WORKS = {
 }
 """Modules by the names of their works."""
 ALONE = {"gpu": "gpu"}
-"""Likewise those that `--only` measures alone, as they need another machine."""
+"""Likewise those that `--only` measures alone, on all cores, as they need another machine."""
 PARTS = ("machine", "works", "exponents", "memory")
 ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
@@ -32,6 +32,9 @@ def main() -> None:
     parser.add_argument("--document", type=Path, help="page to update")
     parser.add_argument("--only", choices=WORKS | ALONE, help="run one work and update its block of the page")
     options = parser.parse_args()
+    if options.only in ALONE:
+        run_one(options.only, options.quick, options.document)
+        return
     os.environ.update(dict.fromkeys(ONE_THREAD, "1"))  # read when NumPy and its libraries are loaded, below
     from benchmarks.speed.rows import on_cores  # noqa: PLC0415
 

@@ -148,7 +148,7 @@ class _Record(NamedTuple):
 
 
 class _Slot(NamedTuple):
-    """A trial in progress; with a slot axis in front, all of them."""
+    """A trial in progress; with slot axes as in `_AXES`, all of them."""
 
     trial: jax.Array
     log_belief: jax.Array
@@ -158,6 +158,12 @@ class _Slot(NamedTuple):
     substituted: jax.Array
     decided: jax.Array
     record: _Record
+
+
+_record: Any = dict.fromkeys(_Record._fields, 0)
+_slot: Any = {**dict.fromkeys(_Slot._fields, 0), "log_belief": -1, "record": _Record(**_record)}
+_AXES = _Slot(**_slot)
+"""Slots are neighbours in memory where beliefs are: sums over classes then read it in order."""
 
 
 class ArrayPlayer:
@@ -221,8 +227,9 @@ def _play(
 ) -> _Record:
     """Decisions of all trials of a plan."""
     n, H = len(plan.where), len(tables.thresholds)
-    step = jax.vmap(partial(_tap, tables, plan, border=border, deadline=deadline, moving=moving, saturates=saturates))
-    fresh = jax.vmap(partial(_fresh, tables, plan))
+    tap = partial(_tap, tables, plan, border=border, deadline=deadline, moving=moving, saturates=saturates)
+    step = jax.vmap(tap, in_axes=(_AXES,), out_axes=_AXES)
+    fresh = jax.vmap(partial(_fresh, tables, plan), out_axes=_AXES)
 
     def busy(carry: tuple[_Slot, _Record, jax.Array]) -> jax.Array:
         return (carry[0].trial < n).any()
@@ -234,7 +241,7 @@ def _play(
         rows = jnp.where(ended, state.trial, n)
         records = jax.tree.map(lambda all_, new: all_.at[rows].set(new, mode="drop"), records, state.record)
         trial = jnp.minimum(following + jnp.cumsum(ended) - 1, n)
-        state = jax.tree.map(partial(_choose, ended), fresh(trial), state)
+        state = jax.tree.map(partial(_choose, ended), _AXES, fresh(trial), state)
         return state, records, following + ended.sum()
 
     start = fresh(jnp.arange(slots))
@@ -243,8 +250,8 @@ def _play(
     return records
 
 
-def _choose(condition: jax.Array, new: jax.Array, old: jax.Array) -> jax.Array:
-    return jnp.where(condition.reshape(-1, *([1] * (old.ndim - 1))), new, old)
+def _choose(condition: jax.Array, axis: int, new: jax.Array, old: jax.Array) -> jax.Array:
+    return jnp.where(jnp.expand_dims(condition, [one for one in range(old.ndim) if one != axis % old.ndim]), new, old)
 
 
 def _fresh(tables: _Tables, plan: _Plan, trial: jax.Array) -> _Slot:
