@@ -88,11 +88,23 @@ def test_an_older_state_that_fails_a_command_is_left_out_of_its_row(monkeypatch)
     monkeypatch.setattr(run, "stacks", lambda *_: {("a.py:f",): 1.0})
     work = Work("x", ("solidtouch", "x"), 1, 3)
     now, old = {"solidtouch": "new"}, {"solidtouch": "old"}
-    timed, _ = run._timed(work, {"now": now, "before": old}, {"now": Path(), "before": Path()})
+    timed, _ = run._timed(work, 3, {"now": now, "before": old}, {"now": Path(), "before": Path()})
 
     assert (len(timed.now), len(timed.before), runs) == (3, 0, {"old": 3, "new": 4})
     with pytest.raises(RuntimeError, match="no such option"):
-        run._timed(work, {"now": old}, {"now": Path()})
+        run._timed(work, 3, {"now": old}, {"now": Path()})
+
+
+def test_an_older_state_that_takes_minutes_is_measured_once(monkeypatch):
+    """Without a run before, which the present state has."""
+    runs = []
+    monkeypatch.setattr(run, "spent", lambda words, *_, **__: runs.append(words[0]) or Spent(1.0, 1.0, 1, 0.0))
+    monkeypatch.setattr(run, "stacks", lambda *_: {("a.py:f",): 1.0})
+    programs = {name: {"solidtouch": name} for name in ("now", "before")}
+    timed, _ = run._timed(Work("x", ("solidtouch", "x"), 1, 1), 2, programs, dict.fromkeys(programs, Path()))
+
+    assert (len(timed.now), len(timed.before)) == (2, 1)
+    assert sorted(runs) == ["before", "now", "now", "now"]
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the processor times of threads are read from /proc")

@@ -15,7 +15,7 @@ from benchmarks.page import check_block, write_block
 from benchmarks.speed.commands.process import Spent, spent
 from benchmarks.speed.commands.stages import functions, shares, stacks
 from benchmarks.speed.commands.table import Stored, Timed, commands_table, load, stored
-from benchmarks.speed.commands.works import WORKS, Work, called, installed, prepare
+from benchmarks.speed.commands.works import ROUNDS, WORKS, Work, called, installed, prepare
 from benchmarks.speed.report import machine_list
 from benchmarks.speed.rows import machine
 from benchmarks.study import write_json
@@ -32,21 +32,20 @@ def main() -> None:
     parser.add_argument("--document", type=Path, help="page to update")
     parser.add_argument("--before", type=Path, help="folder of an older state of this repository with its .venv")
     parser.add_argument("--only", action="append", metavar="TEXT", help="only commands with this in their name")
-    parser.add_argument("--rounds", type=int, help="rounds of every command; default: 5, but fewer of long ones")
+    parser.add_argument("--rounds", type=int, default=ROUNDS, help="rounds of every command")
     options = parser.parse_args()
     check_block(options.document, BLOCK)
     works = [work for work in WORKS if any(text in work.name for text in options.only or [""])]
     if not works:
         parser.error(f"--only: no command has {' or '.join(options.only)} in its name.")
     if options.quick:
-        works = [work._replace(rounds=1, words=(*work.words, *work.quick)) for work in works if work.quick is not None]
-    if options.rounds is not None:
-        works = [work._replace(rounds=options.rounds) for work in works]
+        options.rounds = 1
+        works = [work._replace(words=(*work.words, *work.quick)) for work in works if work.quick is not None]
     kept = stored(options.document, BLOCK)
     where = machine_list(machine())
     if len(works) < len(WORKS) and kept.rows and kept.head.splitlines()[0] != where.splitlines()[0]:
         parser.error("--only: the other rows of the page are of another machine; measure all.")
-    timed = measured(works, options.quick, options.before, options.out)
+    timed = measured(works, options.rounds, options.quick, options.before, options.out)
     text = page(timed, where, "" if options.before is None else revision(options.before), kept)
     print(text)
     write_block(options.document, BLOCK, text)
@@ -58,7 +57,7 @@ def page(timed: Sequence[Timed], where: str, older: str, kept: Stored) -> str:
     return f"{head}\n\n{commands_table(timed, WORKS, older, kept)}"
 
 
-def measured(works: Sequence[Work], quick: bool, before: Path | None, out: Path) -> list[Timed]:
+def measured(works: Sequence[Work], rounds: int, quick: bool, before: Path | None, out: Path) -> list[Timed]:
     """Measures commands, each round of both installations in turn, and writes the rounds and functions as JSON."""
     venvs = {"now": Path(sys.prefix), **({} if before is None else {"before": before.resolve() / ".venv"})}
     programs = {name: installed(venv) for name, venv in venvs.items()}
@@ -70,18 +69,24 @@ def measured(works: Sequence[Work], quick: bool, before: Path | None, out: Path)
             prepare(programs[name], path, quick, works, None if name == "now" else folders["now"])
         for work in works:
             print(f"Measuring {work.name} ...", file=sys.stderr)
-            one, named = _timed(work, programs, folders)
+            one, named = _timed(work, rounds, programs, folders)
             timed.append(one)
             write_json(BLOCK, {"works": [each._asdict() for each in timed]}, out)
             write_json(f"functions-{_file_name(work)}", named, out / "functions")
     return timed
 
 
-def _timed(work: Work, programs: dict[str, dict[str, str]], folders: dict[str, Path]) -> tuple[Timed, dict[str, float]]:
+def _timed(
+    work: Work, rounds: int, programs: dict[str, dict[str, str]], folders: dict[str, Path]
+) -> tuple[Timed, dict[str, float]]:
     runs: dict[str, list[Spent]] = {"now": [], "before": []}
     words = {name: called(work, paths) for name, paths in programs.items()}
-    for turn in range(work.rounds + 1):
+    most = {"now": rounds, "before": min(rounds, work.older)}
+    for turn in range(rounds + 1):
         for name in list(words)[:: 1 if turn % 2 else -1]:
+            # The first fills caches, which hardly matter to a command measured once.
+            if len(runs[name]) == most[name] or (turn == 0 and most[name] == 1):
+                continue
             try:
                 took = spent(words[name], folders[name], inside=bool(work.inside))
             except RuntimeError as error:
@@ -91,10 +96,8 @@ def _timed(work: Work, programs: dict[str, dict[str, str]], folders: dict[str, P
                 del words[name]
                 runs[name].clear()
                 continue
-            if turn or work.rounds == 1:  # the first fills caches, which hardly matter to a command measured once
+            if turn:
                 runs[name].append(took)
-        if work.rounds == 1:
-            break
     counted = stacks(words["now"], folders["now"], work.inside)
     named = dict(list(functions(counted).items())[:MOST_FUNCTIONS])
     return Timed(work, runs["now"], runs["before"], shares(counted)), named

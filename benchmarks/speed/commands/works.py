@@ -17,6 +17,10 @@ LARGE = {False: (10_000, 400, 100, 50, 10), True: (60, 40, 10, 3, 2)}
 """Taps, samples, taxels, positions and objects of the large recording; True is the quick one."""
 
 
+ROUNDS = 5
+"""How often a command is measured."""
+
+
 class Work(NamedTuple):
     """A command.
 
@@ -24,7 +28,7 @@ class Work(NamedTuple):
         name: What the table calls it.
         words: Arguments; the first is `solidtouch` or `python` of an installation.
         most_s: The most seconds it may take; `None` without a limit.
-        rounds: How often it is measured.
+        older: How often the older state is measured, of `ROUNDS`; fewer times where that takes minutes.
         quick: Further arguments that make it short; `None` if nothing does.
         most_bytes: The most memory it may take.
         inside: The function of which the program tells the seconds, as `file:name`; empty for the whole program.
@@ -33,7 +37,7 @@ class Work(NamedTuple):
     name: str
     words: tuple[str, ...]
     most_s: float | None
-    rounds: int
+    older: int = ROUNDS
     quick: tuple[str, ...] | None = ()
     most_bytes: float | None = None
     inside: str = ""
@@ -48,7 +52,7 @@ GAUSSIAN = ("profile", "profile-ar", "profile-mvn", "matrix-normal")
 _TABLE = str(ROOT / "benchmarks" / "speed" / "commands" / "gaussian_table.py")
 WORKS = (
     Work("`reproduce`", _command("reproduce"), 20, 3, ("--data-sets", "1", "--trials", "20")),
-    Work("`reproduce --quick`", _command("reproduce", "--quick"), 8, 5, ("--data-sets", "1", "--trials", "20")),
+    Work("`reproduce --quick`", _command("reproduce", "--quick"), 8, 3, ("--data-sets", "1", "--trials", "20")),
     Work(
         "`audit`, three files of 1600 taps",
         _command("audit", *TAPS),
@@ -98,26 +102,23 @@ WORKS = (
         1,
         ("--data-sets", "2", "--trials", "50", "--strongest", "0"),
     ),
-    Work("`validate`", ("solidtouch", "validate"), 30, 3, None),
+    Work("`validate`", ("solidtouch", "validate"), 30, 1, None),
     Work(
         "`conformance check` of a C program",
         ("solidtouch", "conformance", "check", "--command", PROGRAM),
         5,
-        5,
-        ("--case", "shift-uniform"),
+        quick=("--case", "shift-uniform"),
     ),
     Work(
         "`perceive` to the first tap, NumPyro",
         ("solidtouch", "perceive", MODEL, "--engine", "numpyro", "--deadline", "1"),
         2,
-        5,
     ),
     *(
         Work(
             f"likelihood table of `{model}`, 1600 taps x 80 classes x 600 samples",
             ("python", "-P", _TABLE, model, *TAPS[:2]),
             0.5,
-            5,
             inside="gaussian_table.py:table",
         )
         for model in GAUSSIAN
@@ -129,9 +130,9 @@ WORKS = (
         1,
         most_bytes=GIB,
     ),
-    Work("`inspect` of it", ("solidtouch", "inspect", RECORDING), 8, 3, most_bytes=GIB),
-    Work("`import solidtouch`", ("python", "-P", "-c", "import solidtouch"), 0.1, 5),
-    Work("`solidtouch --help`", ("solidtouch", "--help"), 0.3, 5),
+    Work("`inspect` of it", ("solidtouch", "inspect", RECORDING), 8, most_bytes=GIB),
+    Work("`import solidtouch`", ("python", "-P", "-c", "import solidtouch"), 0.1),
+    Work("`solidtouch --help`", ("solidtouch", "--help"), 0.3),
 )
 
 
