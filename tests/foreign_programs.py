@@ -14,7 +14,11 @@ from solidtouch.inference import reference
 from solidtouch.inference.reference import BORDERS, ZeroEvidenceError
 
 FOLDER = Path(__file__).parents[1] / "docs" / "reference" / "conformance"
-MISTAKES = tomllib.loads((FOLDER / "mistakes.toml").read_text(encoding="utf-8"))["mistake"]
+ALL_MISTAKES = tomllib.loads((FOLDER / "mistakes.toml").read_text(encoding="utf-8"))["mistake"]
+MISTAKES = [mistake for mistake in ALL_MISTAKES if "c" in mistake]
+"""Those in the levels that a check asks for."""
+LEVEL_MISTAKES = [mistake for mistake in ALL_MISTAKES if "py" in mistake]
+"""Those in the others, as changes of the program in Python."""
 STRICT = ["-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Werror", "-std=c99", "-ffp-contract=off"]
 NAMES = [
     "shift-direction",

@@ -7,6 +7,7 @@ One that would fail a case which the program passes is none.
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 
 from .case import Case
 from .catalogue import expected
@@ -79,10 +80,10 @@ class _Witnesses:
         self._without = without
         self._known: dict[tuple[type[Exact], str], bool] = {}
 
-    def refute(self, rules: type[Exact], border: str) -> bool:
-        """Whether some case says no."""
+    def refute(self, mistake: Mistake, border: str, rules: type[Exact]) -> bool:
+        """Whether some case says no to a form of a mistake."""
         if (rules, border) not in self._known:
-            of_border = (case for case in self._cases if case.border == border)
+            of_border = (case for case in self._cases if case.border == border and mistake.shows(case))
             self._known[rules, border] = any(self._fails(rules, case) for case in of_border)
         return self._known[rules, border]
 
@@ -104,10 +105,8 @@ def _causes(
     allowed = tolerances(case, expected(case), precision)
     found: set[str] = set()
 
-    def refuted(rules: type[Exact]) -> bool:
-        return witnesses.refute(rules, case.border)
-
     for mistake in ranked:
+        refuted = partial(witnesses.refute, mistake, case.border)
         if explains(mistake, case, verdict.answers, verdict.found, allowed, without, refuted):
             found.add(mistake.name)
             if not every:

@@ -26,7 +26,10 @@ type Bins = tuple[tuple[int | None, ...], ...]
 
 @lru_cache(maxsize=256)
 def _likelihoods(case: Case, steps: tuple[Any, ...]) -> dict[int, Matrix]:  # noqa: ARG001 - they are the key
-    """Log-likelihoods of a case by tap, as far as known; most mistakes share those of the equations."""
+    """Log-likelihoods of a case by tap, as far as known, those of its pool by negative numbers.
+
+    Most mistakes share those of the equations.
+    """
     return {}
 
 
@@ -49,6 +52,9 @@ class Exact:
         "bin",
         "log_probability",
         "probability",
+        "normal_probability",
+        "bounds",
+        "scale",
         "exponent",
         "log_likelihood",
         "log_product",
@@ -62,6 +68,8 @@ class Exact:
         self.prior: Matrix = [[MP.mpf(p) for p in row] for row in case.prior.tolist()]
         self._log_probability = lru_cache(maxsize=None)(self.log_probability)
         self._exp = lru_cache(maxsize=4096)(MP.exp)  # long episodes repeat few taps
+        # Belief, and what a tap would tell after each move from it.
+        self._gains: tuple[Matrix, list[Number]] | None = None
         self._of_bins = lru_cache(maxsize=None)(self.of_bins)
         self._likelihoods = _likelihoods(case, tuple(getattr(type(self), step) for step in self.LIKELIHOOD))
 
@@ -71,9 +79,7 @@ class Exact:
             yield Answer(0, {"edges": self.edges_told(), "counts": np.array(self.counts, dtype=np.float64)})
         belief = self.prior
         for t, move in enumerate(self.case.moves[: self._taps].tolist()):
-            if t not in self._likelihoods:
-                self._likelihoods[t] = self.log_likelihood(self.case.taps[t].tolist())
-            log_likelihood = self._likelihoods[t]
+            log_likelihood = self._likelihood(t, self.case.taps[t].tolist())
             try:
                 before, belief, log_evidence = self.step(belief, move, log_likelihood)
             except NoEvidence:
@@ -93,7 +99,7 @@ class Exact:
                     "move": self.own_move(seen, where),
                 }
                 if self.case.strategy:
-                    values["information"] = _floats(self.information(seen, where))
+                    values["information"] = _floats(self.gains(seen, where))
                 yield Answer(t + 1, values)
 
     @cached_property
@@ -139,13 +145,25 @@ class Exact:
         return (counts[b] + pseudocount) / (sum(counts) + pseudocount * len(counts))
 
     def normal_probability(self, l: int, m: int, k: int, b: int) -> Number:
-        """The integral of a normal distribution over a bin; the end bins reach to infinity."""
-        mean, sd = (MP.mpf(float(array[l, m, k])) for array in (self.case.mean, self.case.sd) if array is not None)
-        lower = (self.edges[k][b] - mean) / sd if b > 0 else MP.ninf
-        upper = (self.edges[k][b + 1] - mean) / sd if b < self.B - 1 else MP.inf
+        """The integral of a normal distribution over a bin."""
+        mean, sd = self.normal(l, m, k)
+        lower, upper = ((edge - mean) / self.scale(sd) for edge in self.bounds(k, b))
         if lower + upper > 0:  # as tails lose no digits at the lower end
             lower, upper = -upper, -lower
         return MP.ncdf(upper) - (MP.ncdf(lower) if lower > MP.ninf else 0)
+
+    def normal(self, l: int, m: int, k: int) -> list[Number]:
+        """Mean and standard deviation of a class and taxel."""
+        return [MP.mpf(float(array[l, m, k])) for array in (self.case.mean, self.case.sd) if array is not None]
+
+    def scale(self, sd: Number) -> Number:
+        """What distances from the mean are divided by."""
+        return sd
+
+    def bounds(self, k: int, b: int) -> tuple[Number, Number]:
+        """Edges of a bin; the end bins reach to infinity."""
+        last = self.B - 1
+        return self.edges[k][b] if b > 0 else MP.ninf, self.edges[k][b + 1] if b < last else MP.inf
 
     @cached_property
     def exponent(self) -> Number:
@@ -153,6 +171,11 @@ class Exact:
         named = {"J": MP.mpf(1) / self.J, "JK": MP.mpf(1) / (self.J * self.K), "none": MP.mpf(1)}
         power = self.case.power
         return named[power] if isinstance(power, str) else MP.mpf(power)
+
+    def _likelihood(self, key: int, tap: list[list[float]]) -> Matrix:
+        if key not in self._likelihoods:
+            self._likelihoods[key] = self.log_likelihood(tap)
+        return self._likelihoods[key]
 
     def log_likelihood(self, tap: list[list[float]]) -> Matrix:
         """Log P(z | x_l, w_m); Eq. 1."""
@@ -225,19 +248,38 @@ class Exact:
         """Eq. 8 and 10, or the move of most expected information."""
         index = self.where_index(belief, where)
         if self.case.strategy:
-            return best_move(self.information(belief, where), index)
+            return best_move(self.gains(belief, where), index)
         return self.case.fixation - index if self.exceeds(where[index], self.case.theta_x) else 0
+
+    def gains(self, belief: Matrix, where: list[Number]) -> list[Number]:
+        """The information of `information`, computed once for each belief."""
+        if self._gains is None or self._gains[0] is not belief:
+            self._gains = belief, self.information(belief, where)
+        return self._gains[1]
 
     def information(self, belief: Matrix, where: list[Number]) -> list[Number]:
         """Expected information of a tap at each position after the move there."""
         here = self.where_index(belief, where)
-        moved = (self.shift(belief, l - here) if l != here else belief for l in range(self.L))
-        return [information(self.pool, after, self.case.strategy) for after in moved]
+        moves = (self.move_to(l, here) for l in range(self.L))
+        return [self.of_belief(self.shift(belief, move) if move else belief) for move in moves]
+
+    def move_to(self, l: int, here: int) -> int:
+        """The move after which a tap comes from a position."""
+        return l - here
+
+    def of_belief(self, belief: Matrix) -> Number:
+        """Expected information of a tap under the belief after a move."""
+        return information(self.pool, belief, self.case.strategy)
 
     @cached_property
     def pool(self) -> Outcomes:
         """The taps that may come."""
-        return outcomes([self.log_likelihood(tap) for tap in np.asarray(self.case.pool).tolist()])
+        return outcomes(self.pool_likelihoods)
+
+    @property
+    def pool_likelihoods(self) -> list[Matrix]:
+        """Log-likelihoods of the taps that may come."""
+        return [self._likelihood(~n, tap) for n, tap in enumerate(np.asarray(self.case.pool).tolist())]
 
     @cached_property
     def trained(self) -> list[list[bool]]:

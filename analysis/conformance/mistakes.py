@@ -15,6 +15,7 @@ from .arithmetic import MP, Matrix, Number
 from .case import Case
 from .comparison import Difference, first_difference
 from .exact import Exact
+from .level_mistakes import FORMS
 from .tolerance import Tolerance
 
 _ROUNDING = 1e-12
@@ -27,11 +28,17 @@ class Mistake(NamedTuple):
         name: In one word.
         about: What is done, as the end of a sentence.
         rules: Forms in which it occurs.
+        key: Of the header, without which it does not show.
     """
 
     name: str
     about: str
     rules: tuple[type[Exact], ...]
+    key: str = "prior"
+
+    def shows(self, case: Case) -> bool:
+        """Whether the case has what it is about."""
+        return getattr(case, self.key) is not None
 
 
 class _ShiftDirection(Exact):
@@ -297,6 +304,43 @@ MISTAKES = (
         "there is no move any more once an object is decided",
         (_StaysWhenAnyDecided, _StaysWhenAllDecided, _StaysWhenFirstDecided),
     ),
+    Mistake("density", "a density takes the place of the integral over a bin", FORMS["density"], "mean"),
+    Mistake("closed-ends", "the end bins end at the outer edges in place of infinity", FORMS["closed-ends"], "mean"),
+    Mistake("variance", "the standard deviation is used as the variance, or the other way", FORMS["variance"], "mean"),
+    Mistake("plain-integral", "the integral over a bin in a tail underflows to 0", FORMS["plain-integral"], "mean"),
+    Mistake(
+        "other-information",
+        "the information is about something else than asked for",
+        FORMS["other-information"],
+        "pool",
+    ),
+    Mistake(
+        "information-units",
+        "the information is to base 2 or 10 in place of in nats",
+        FORMS["information-units"],
+        "pool",
+    ),
+    Mistake(
+        "information-move",
+        "the information is that of the opposite move, or of none",
+        FORMS["information-move"],
+        "pool",
+    ),
+    Mistake(
+        "pool-without-root", "likelihoods of the pool are without the root of Eq. 1", FORMS["pool-without-root"], "pool"
+    ),
+    Mistake(
+        "impossible-pool",
+        "the belief that is left, where no tap of the pool is possible in some classes, is not divided by its sum",
+        FORMS["impossible-pool"],
+        "pool",
+    ),
+    Mistake(
+        "strategy-ignored",
+        "the move is that of Eq. 8 and 10 in place of the strategy's",
+        FORMS["strategy-ignored"],
+        "pool",
+    ),
 )
 
 
@@ -320,7 +364,7 @@ def explains(
         without: Quantities that are not compared.
         refuted: Whether the program answers other cases as a form of the mistake would not.
     """
-    if not found.quantity:
+    if not found.quantity or not mistake.shows(case):
         return False
     taps = max(found.tap, 1)
     forms = (rules for rules in mistake.rules if _explains(rules(case, taps), actual, found, tolerances, without))

@@ -114,7 +114,7 @@ def allowed_moves(case: Case, answer: Answer, tolerance: Tolerance) -> set[int]:
     right = {int(answer.values["move"])}
     if case.strict_ties:
         return right
-    if case.strategy:
+    if "information" in answer.values:
         information, here = answer.values["information"], int(answer.values["where"].argmax())
         near = information >= information.max() - 2 * _STEEP * tolerance.absolute
         return right | {index - here for index in np.flatnonzero(near).tolist()}

@@ -134,7 +134,7 @@ def test_every_mistake_differs_somewhere_and_explains_itself(mistake):
     for rules in mistake.rules:
         shown, named = 0, 0
         for case in SHORT[::2] if len(mistake.rules) > 3 else SHORT:
-            if case.sizes["L"] * case.sizes["J"] > 60:
+            if case.sizes["L"] * case.sizes["J"] > 60 or not mistake.shows(case):
                 continue
             allowed = tolerances(case, expected(case), "double")
             answers = list(rules(case).answers())

@@ -1,9 +1,20 @@
 """The kit passes the foreign programs, and finds and names each usual mistake in them."""
 
+import sys
 from collections import Counter
 
 import pytest
-from foreign_programs import FOLDER, MISTAKES, NAMES, compile_c, node, play, wrong_keys
+from foreign_programs import (
+    ALL_MISTAKES,
+    FOLDER,
+    LEVEL_MISTAKES,
+    MISTAKES,
+    NAMES,
+    compile_c,
+    node,
+    play,
+    wrong_keys,
+)
 from slow_cases import slow_but
 from solidtouch.analysis.conformance.case import BASIC
 from solidtouch.analysis.conformance.catalogue import own_kit
@@ -16,7 +27,8 @@ from solidtouch.analysis.conformance.run import Asked, check_program
 def test_the_usual_mistakes_are_all_there():
     """In the order in which they are told."""
     assert [mistake["name"] for mistake in MISTAKES] == NAMES
-    assert all(mistake["about"].endswith(".") for mistake in MISTAKES)
+    assert [mistake["name"] for mistake in ALL_MISTAKES] == [mistake.name for mistake in KNOWN]
+    assert all(mistake["about"].endswith(".") for mistake in ALL_MISTAKES)
 
 
 def mutant(mistake, language):
@@ -61,6 +73,9 @@ SHORT = (
     "one-taxel",
 )
 """Cases with which each mistake is found in a second or two, most of them."""
+LEVELS = tuple(case.name for case in own_kit().select(levels=["continuous", "strategies"]))
+LEVEL_CASES = ("normal", "normal-ends", "normal-tails", "info-what", "info-impossible-pool", "info-pool-of-one")
+"""The same for the levels that are asked for by name, all and few."""
 LIMITS = {"linear-underflow": ("long-and-back",), "linear-likelihood": ("episode-paper-size",)}
 
 
@@ -97,12 +112,12 @@ def test_the_c_program_passes_in_single_precision(tmp_path):
 def check_named(mistake, language, names, tmp_path):
     """The mistake is the likeliest cause of the cases that fail, apart from those that it makes fail otherwise."""
     source = mutant(mistake, language)
+    file = tmp_path / f"wrong.{language}"
+    file.write_text(source, encoding="utf-8")
     if language == "c":
-        (tmp_path / "wrong.c").write_text(source, encoding="utf-8")
-        words = [str(word) for word in compile_c(tmp_path / "wrong.c", tmp_path / "wrong", "-std=c99")]
+        words = [str(word) for word in compile_c(file, tmp_path / "wrong", "-std=c99")]
     else:
-        (tmp_path / "wrong.js").write_text(source, encoding="utf-8")
-        words = [*node(), str(tmp_path / "wrong.js")]
+        words = [*(node() if language == "js" else [sys.executable, "-I"]), str(file)]
     causes = Counter(v.cause for v in verdicts(words, names) if v.status != "pass")
 
     assert set(causes) <= {mistake["name"], ""}
@@ -121,5 +136,7 @@ def test_each_mistake_is_named_in_all_cases(mistake, language, tmp_path):
     check_named(mistake, language, (), tmp_path)
 
 
-def test_the_kit_knows_every_mistake_of_the_file():
-    assert [mistake.name for mistake in KNOWN] == NAMES
+@pytest.mark.parametrize("names", [LEVEL_CASES, pytest.param(LEVELS, marks=pytest.mark.slow)], ids=["short", "all"])
+@pytest.mark.parametrize("mistake", LEVEL_MISTAKES, ids=[mistake["name"] for mistake in LEVEL_MISTAKES])
+def test_each_mistake_in_the_levels_asked_by_name_is_named(mistake, names, tmp_path):
+    check_named(mistake, "py", names, tmp_path)
