@@ -211,7 +211,9 @@ def draws(
     files: Annotated[
         list[Path],
         Argument(
-            metavar="FILE...", help="CSV of each chain, as Stan writes it, or netCDF of ArviZ.", show_default=False
+            metavar="FILE...",
+            help="CSV of each chain, as Stan writes it, JSON of all, or netCDF of ArviZ.",
+            show_default=False,
         ),
     ],
 ) -> None:

@@ -19,14 +19,22 @@ from .analysis.conformance.front import (
 )
 from .analysis.conformance.report import ConformanceReport
 from .analysis.conformance.verdict import Verdict
+from .analysis.posteriors.catalogue import ReferencePosterior
+from .analysis.posteriors.comparison import DrawsVerdict
+from .analysis.posteriors.front import export_posteriors, judge_draws, reference_posterior
 
 __all__ = [
     "Case",
     "ConformanceReport",
+    "DrawsVerdict",
+    "ReferencePosterior",
     "Verdict",
     "cases",
     "expected",
     "export",
+    "export_posteriors",
+    "judge_draws",
+    "reference_posterior",
     "run",
     "run_engine",
     "run_files",

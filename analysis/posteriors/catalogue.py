@@ -8,9 +8,12 @@ from importlib.resources import as_file, files
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from ...models.errors import InputError
 from ...models.measurement.registry import NAMES
 from ...models.storage import complete_folder
+from .files import Draws, read_draws
 from .quantities import Scale
 
 
@@ -45,6 +48,8 @@ class ReferencePosterior(NamedTuple):
         method: How its moments were found: `exact` or `nuts`.
         numbers: All that are compared.
         diagnostics: Of the chains, by name; none if it is exact.
+        data: Taps and constants of the priors, by the names of Stan's data.
+        draws: 10 chains of 100, shape (chain, draw) by the name of the number.
     """
 
     name: str
@@ -52,6 +57,17 @@ class ReferencePosterior(NamedTuple):
     method: str
     numbers: tuple[Number, ...]
     diagnostics: Mapping[str, float] | None
+
+    @property
+    def data(self) -> dict[str, Any]:  # noqa: D102 - an attribute
+        given: dict[str, Any] = json.loads(_text(f"{self.name}.data.json"))
+        return {name: np.array(value) if isinstance(value, list) else value for name, value in given.items()}
+
+    @property
+    def draws(self) -> Draws:  # noqa: D102 - an attribute
+        with as_file(_folder() / f"{self.name}.csv.gz") as path:
+            read = read_draws([path])
+        return {name: values for name, values in read.items() if name != "chain"}
 
 
 @cache
@@ -63,7 +79,7 @@ def posterior(name: str) -> ReferencePosterior:
     """
     if name not in NAMES:
         raise InputError(f"There is no reference posterior {name!r}; choose from {', '.join(NAMES)}.")
-    about: dict[str, Any] = json.loads(_folder().joinpath(f"{name}.json").read_text(encoding="utf-8"))
+    about: dict[str, Any] = json.loads(_text(f"{name}.json"))
     numbers = tuple(Number(**row) for row in about["summary"])
     return ReferencePosterior(name, tuple(about["model"]), about["method"], numbers, about["diagnostics"])
 
@@ -82,6 +98,10 @@ def export(folder: str | Path, force: bool = False) -> int:
         for path in found:
             shutil.copyfile(path, temporary / path.name)
     return len(found)
+
+
+def _text(name: str) -> str:
+    return _folder().joinpath(name).read_text(encoding="utf-8")
 
 
 def _folder() -> Any:

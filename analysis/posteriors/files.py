@@ -1,12 +1,14 @@
-"""Reads draws from files: CSV of Stan and others, one file for each chain or a column `chain`, and netCDF of ArviZ."""
+"""Reads draws: CSV of Stan and others (one file for each chain or a column `chain`), JSON, netCDF of ArviZ, arrays."""
 
 import csv
 import gzip
 import re
-from collections.abc import Iterator, Sequence
-from itertools import groupby
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -23,16 +25,19 @@ def read_draws(paths: Sequence[str | Path]) -> Draws:
     """Draws of one posterior.
 
     Args:
-        paths: One netCDF file with the group `posterior`, or CSV files, each of one chain unless it has a column
-            `chain`; `.gz` is read as well. Names are `level.1.2` or `level[1,2]`, with an underscore behind the word
+        paths: One netCDF file with the group `posterior`; JSON files, each a list of chains, which are objects with
+            the draws of each number; or CSV files, each of one chain unless it has a column `chain`. `.gz` is read as
+            well. Names are `level.1.2` or `level[1,2]`, with an underscore behind the word
             where a language reserves it; lines that begin with # are left out.
 
     Raises:
         InputError: A file cannot be read, or chains differ in length or names.
     """
+    if not paths:
+        raise InputError("There is no file with draws.")
     if len(paths) == 1 and str(paths[0]).endswith(".nc"):
         return _of_netcdf(Path(paths[0]))
-    chains = [chain for path in paths for chain in _of_csv(Path(path))]
+    chains = [chain for path in paths for chain in _chains(Path(path))]
     names, lengths = [set(chain) for chain in chains], {len(next(iter(chain.values()))) for chain in chains}
     if any(own != names[0] for own in names) or len(lengths) > 1:
         raise InputError(f"The chains in {', '.join(map(str, paths))} differ in names or numbers of draws.")
@@ -45,23 +50,71 @@ def _name(text: str) -> str:
 
 
 def _of_netcdf(path: Path) -> Draws:
-    data = read_groups(path, ("posterior",)).get("posterior")
+    return _of_dataset(read_groups(path, ("posterior",)).get("posterior"), str(path))
+
+
+def _of_dataset(data: Any, source: str) -> Draws:
     if data is None or not {"chain", "draw"} <= set(data.sizes):
-        raise InputError(f"{path} has no group posterior with the dims chain and draw.")
-    every = {}
+        raise InputError(f"{source} has no group posterior with the dims chain and draw.")
+    every: Draws = {}
     for name, variable in data.data_vars.items():
         if {"chain", "draw"} <= set(variable.dims) and variable.dtype.kind in "biuf":
             every |= flattened(_name(str(name)), variable.transpose("chain", "draw", ...).values)
     return every
 
 
-def _of_csv(path: Path) -> Iterator[Draws]:
+def named_draws(draws: Any) -> Draws:
+    """Draws that a program in Python holds.
+
+    Args:
+        draws: Arrays of shape (chain, draw, ...) by name, a data set of xarray, or ArviZ's groups with `posterior`.
+
+    Raises:
+        InputError: They have another shape or type.
+    """
+    group = getattr(draws, "posterior", draws)
+    for data in (group, draws):
+        if hasattr(data, "data_vars"):
+            return _of_dataset(data, "The object with draws")
+    if not isinstance(draws, Mapping):
+        raise InputError(f"Draws must be arrays by name, an xarray data set or files, not {type(draws).__name__}.")
+    every: Draws = {}
+    for name, values in draws.items():
+        try:
+            array = np.asarray(values, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise InputError(f"Draws of {name} are no numbers of shape (chain, draw, ...).") from None
+        if array.ndim < 2:
+            raise InputError(f"Draws of {name} have shape {array.shape} instead of (chain, draw, ...).")
+        every |= flattened(_name(str(name)), array)
+    return every
+
+
+def _chains(path: Path) -> Iterator[Draws]:
     """The chains of a file."""
+    if path.exists() and not path.is_file():
+        raise InputError(f"{path} is not a file.")
+    form = "JSON" if ".json" in path.suffixes[-2:] else "CSV"
     try:
         data = path.read_bytes()
         text = (gzip.decompress(data) if path.suffix == ".gz" else data).decode()
-    except (OSError, EOFError, UnicodeDecodeError) as error:
-        raise InputError(f"{path} cannot be read as CSV: {error}.") from error
+    except (OSError, EOFError, UnicodeDecodeError, zlib.error) as error:
+        raise InputError(f"{path} cannot be read as {form}: {error}.") from error
+    yield from _of_json(path, text) if form == "JSON" else _of_csv(path, text)
+
+
+def _of_json(path: Path, text: str) -> Iterator[Draws]:
+    try:
+        chains = msgspec.json.decode(text, type=list[dict[str, list[float]]])
+    except (msgspec.MsgspecError, RecursionError) as error:
+        raise InputError(f"{path} is no list of chains with the draws of each number: {error}.") from None
+    if not chains or not all(chain and len({*map(len, chain.values())}) == 1 for chain in chains):
+        raise InputError(f"{path} has no chain, or one without or with different numbers of draws.")
+    for chain in chains:
+        yield {_name(name): np.array(values) for name, values in chain.items()}
+
+
+def _of_csv(path: Path, text: str) -> Iterator[Draws]:
     rows = [row for row in csv.reader(line for line in text.splitlines() if line.strip() and line[:1] != "#") if row]
     if len(rows) < 2:
         raise InputError(f"{path} has no draws: a line of names and a line for each draw are due.")
@@ -78,5 +131,5 @@ def _of_csv(path: Path) -> Iterator[Draws]:
     if column is None:
         yield dict(zip(names, table.T, strict=True))
         return
-    for _, own in groupby(table, key=lambda row: row[column]):
-        yield dict(zip(names, np.array(list(own)).T, strict=True))
+    for chain in np.unique(table[:, column]):
+        yield dict(zip(names, table[table[:, column] == chain].T, strict=True))
