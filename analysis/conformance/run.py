@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import cache
 from itertools import islice
 from pathlib import Path
+from time import perf_counter
 from typing import Any, NamedTuple
 
 from ...inference.reference import ZeroEvidenceError
@@ -46,16 +47,20 @@ def run_route(route: str, cases: Sequence[Case]) -> Iterator[Verdict]:
 
 
 def _own(route: str, case: Case) -> Verdict:
+    begin = perf_counter()
     try:
         answers = list(routes.answers(route, case))
     except InputError as error:
         return Verdict(case.name, "left out", str(error))
-    verdict = judge(case, answers, "double")
+    seconds = perf_counter() - begin
+    verdict = replace(judge(case, answers, "double"), seconds=seconds)
     if verdict.status != "pass" or route != "montecarlo":
         return verdict
     right = expected(case)
     found = trial_difference(case, right, tolerances(case, right, "double"))
-    return verdict if found is None else Verdict(case.name, "differs", found.sentence, found.tap, found.quantity)
+    if found is None:
+        return verdict
+    return Verdict(case.name, "differs", found.sentence, found.tap, found.quantity, seconds=seconds)
 
 
 def check_program(words: list[str], cases: Sequence[Case], asked: Asked, together: bool = False) -> Iterator[Verdict]:
@@ -72,7 +77,7 @@ def check_program(words: list[str], cases: Sequence[Case], asked: Asked, togethe
     """
     check_command(words)
     if not together:
-        return _each(cases, asked, lambda case: run_program(words, case.lines(), asked.timeout))
+        return _each(cases, asked, lambda case: run_program(words, case.lines(), asked.timeout), timed=True)
     due = [case for case in cases if left_out(case, asked.precision) is None]
     lines = (line for case in due for line in case.lines())
     ended = run_program(words, lines, asked.timeout * max(1, len(due)))
@@ -91,6 +96,7 @@ def _called(implementation: Implementation, case: Case, asked: Asked) -> Verdict
     broken, raised = "", None
     first = 0 if case.training is not None else 1
     due = len(case.taps) + 1 - first
+    begin = perf_counter()
     try:
         made = implementation(deepcopy(case))
         if isinstance(made, Iterable):
@@ -109,7 +115,8 @@ def _called(implementation: Implementation, case: Case, asked: Asked) -> Verdict
         broken = f"gives an answer to tap {first + len(answers)} that {error}"
     except Exception as error:
         broken, raised = f"raises {printable(repr(error)[:200])}", error
-    return replace(judge_broken(case, answers, broken, asked.precision, asked.without), error=raised)
+    seconds = perf_counter() - begin
+    return replace(judge_broken(case, answers, broken, asked.precision, asked.without), error=raised, seconds=seconds)
 
 
 def check_answers(folder: Path, cases: Sequence[Case], asked: Asked) -> Iterator[Verdict]:
@@ -117,9 +124,17 @@ def check_answers(folder: Path, cases: Sequence[Case], asked: Asked) -> Iterator
     return _each(cases, asked, lambda case: read_answers(folder, case.name))
 
 
-def _each(cases: Sequence[Case], asked: Asked, output: Callable[[Case], Ended]) -> Iterator[Verdict]:
+def _each(
+    cases: Sequence[Case], asked: Asked, output: Callable[[Case], Ended], timed: bool = False
+) -> Iterator[Verdict]:
+    """The verdicts on the outputs, with the seconds that each took where the program is run for it alone."""
     for case in cases:
-        yield left_out(case, asked.precision) or judge_output(case, output(case), asked.precision, asked.without)
+        if (verdict := left_out(case, asked.precision)) is None:
+            begin = perf_counter()
+            ended = output(case)
+            seconds = perf_counter() - begin if timed else None
+            verdict = replace(judge_output(case, ended, asked.precision, asked.without), seconds=seconds)
+        yield verdict
 
 
 def _by_case(ended: Ended, cases: Sequence[Case]) -> dict[str, Ended]:

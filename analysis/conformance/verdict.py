@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from .answers import Answer, BadAnswerError, parse_answer
@@ -30,6 +30,7 @@ class Verdict:
         cause: Name of the likeliest mistake, see `causes`.
         answers: What was answered, where it differs.
         error: What a Python function raised.
+        seconds: That it took, without the comparison; `None` where they are unknown, as of answers in files.
     """
 
     case: str
@@ -40,6 +41,7 @@ class Verdict:
     cause: str = ""
     answers: tuple[Answer, ...] = ()
     error: Exception | None = None
+    seconds: float | None = field(default=None, compare=False)
 
     def __repr__(self) -> str:
         return f"<Verdict {self.case}: {described(self)}>"

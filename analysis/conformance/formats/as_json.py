@@ -67,6 +67,7 @@ def _verdict(verdict: Verdict, case: Case) -> dict[str, Any]:
         "sentence": verdict.sentence,
         "cause": verdict.cause,
         "about_cause": verdict.about,
+        "seconds": None if verdict.seconds is None else round(verdict.seconds, 3),
     }
     start = {"case": case.name, "level": case.level, "status": verdict.status}
     return start | {name: value for name, value in known.items() if value not in (None, "")}

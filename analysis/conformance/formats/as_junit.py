@@ -28,11 +28,18 @@ def junit(report: Mapping[str, Any]) -> str:
 
 def _counts(cases: Sequence[Mapping[str, Any]]) -> dict[str, str]:
     found = Counter(case["status"] for case in cases)
-    return {"tests": str(len(cases)), **{name: str(found[status]) for name, status in _COUNTS.items()}}
+    return {"tests": str(len(cases)), **{name: str(found[status]) for name, status in _COUNTS.items()}, **_time(cases)}
+
+
+def _time(cases: Sequence[Mapping[str, Any]]) -> dict[str, str]:
+    """Seconds of all that have them; a report of answers in files has none."""
+    known = [case["seconds"] for case in cases if "seconds" in case]
+    return {"time": f"{sum(known):.3f}"} if known else {}
 
 
 def _add(suite: Element, case: Mapping[str, Any]) -> None:
-    test = SubElement(suite, "testcase", {"classname": f"conformance.{case['level']}", "name": case["case"]})
+    names = {"classname": f"conformance.{case['level']}", "name": case["case"]}
+    test = SubElement(suite, "testcase", {**names, **_time([case])})
     sentence = case.get("sentence", "")
     if case["status"] == "pass":
         if sentence:

@@ -2,6 +2,8 @@
 
 import json
 import re
+import sys
+import time
 from collections import Counter
 from dataclasses import replace
 from xml.etree import ElementTree as ET
@@ -13,6 +15,7 @@ from solidtouch.analysis.conformance.case import BASIC, LEVELS
 from solidtouch.analysis.conformance.catalogue import catalogue, own_kit
 from solidtouch.analysis.conformance.dataset.version import KIT_VERSION
 from solidtouch.analysis.conformance.report import ConformanceReport
+from solidtouch.analysis.conformance.run import Asked, check_program
 from solidtouch.analysis.conformance.verdict import Verdict
 
 import solidtouch as st
@@ -117,10 +120,21 @@ def test_results_of_levels_are_numbers():
 
 WRONG = [
     Verdict("ties", "differs", "its move is +1 \x1b[31m\ud800\x00 <instead> & of +0", 2, "move", "move-sign"),
-    Verdict("root-jk", "failed", "it ended with exit code 1"),
+    Verdict("root-jk", "failed", "it ended with exit code 1", seconds=0.25),
     Verdict("single-edges", "left out", "32 bits cannot do it"),
-    Verdict("root-none", "pass", "it left a process running, which was stopped"),
+    Verdict("root-none", "pass", "it left a process running, which was stopped", seconds=1.0004),
 ]
+
+
+def test_a_check_knows_how_long_each_case_took():
+    """Of a program that is started for each, and of a function; not where one start answers all."""
+    cases = own_kit().select(["root-j", "ties"])
+    sleep = [sys.executable, "-c", "import time; time.sleep(0.2)"]
+    alone, together = (list(check_program(sleep, cases, Asked(), how)) for how in (False, True))
+    function = st.conformance.run(lambda _: time.sleep(0.2), ["root-j"]).found["root-j"]
+
+    assert all(0.2 < verdict.seconds < 60 for verdict in (*alone, function))
+    assert [verdict.seconds for verdict in together] == [None, None]
 
 
 def test_a_report_is_json():
@@ -166,6 +180,8 @@ def test_a_report_is_junit():
     assert tests["single-edges"].find("skipped").get("message") == "32 bits cannot do it"
     assert tests["root-none"].find("system-out").text == "it left a process running, which was stopped"
     assert len(tests["root-j"]) == 0
+    assert [tests[name].get("time") for name in ("root-j", "root-jk", "root-none")] == [None, "0.250", "1.000"]
+    assert [suite.get("time") for suite in (root, *root)] == ["1.250", "1.250", *[None] * (len(LEVELS) - 1)]
     assert {e.get("value") for e in root.iter("property") if e.get("name") == "kit"} == {KIT_VERSION}
 
 

@@ -85,7 +85,7 @@ VERDICTS = (
     Verdict("root-jk", "failed", "it ended with exit code 1"),
     Verdict("single-edges", "left out", "32 bits cannot do it"),
     Verdict("root-none", "pass", "it left a process running, which was stopped"),
-    Verdict("root-j", "pass"),
+    Verdict("root-j", "pass", seconds=0.0),
 )
 
 
@@ -192,6 +192,7 @@ def test_mistakes_in_a_case_are_refused(schemas, exported, name, path, value):
         (["cases", 0, "about_cause"], ...),
         (["cases", 0, "hint"], "no such key"),
         (["cases", 5, "tap"], 1),
+        (["cases", 5, "seconds"], -0.1),
         (["sentences"], []),
     ],
 )
