@@ -8,6 +8,10 @@ from typing import NamedTuple
 from .errors import InputError
 
 
+class MissingPackageError(InputError):
+    """A package of an extra is not installed."""
+
+
 class Extra(NamedTuple):
     """Where a package comes from.
 
@@ -49,12 +53,12 @@ def extra(module: str) -> Iterator[None]:
     """Imports of a package of an extra, and of what it brings.
 
     Raises:
-        InputError: It is not installed.
+        MissingPackageError: It is not installed.
     """
     try:
         yield
     except ModuleNotFoundError as error:
-        raise InputError(missing(module)) from error
+        raise MissingPackageError(missing(module)) from error
 
 
 @contextmanager

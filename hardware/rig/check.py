@@ -10,7 +10,7 @@ from scipy.special import stdtrit
 from ..errors import RigError
 from ..skin.skin import SkinFrame, taxel_names
 from ..stage.leg import check_tap_speed
-from .rest import resting_place
+from .rest import never_opened, resting_place
 from .rig import Rig
 from .settings import StageSettings
 
@@ -118,7 +118,8 @@ def check_rig(rig: Rig, seconds: float = 10.0, home: bool = False) -> RigReport:
         _look_at_stage(rig, report, home)
         _look_at_sensor(rig, report, seconds)
     except BaseException as trouble:
-        trouble.add_note(resting_place(rig.stage.position_mm, rig.may_press, rig.skin.monitor.touches))
+        if not never_opened(trouble, rig.stage.report):
+            trouble.add_note(resting_place(rig.stage.position_mm, rig.may_press, rig.skin.monitor.touches))
         raise
     finally:
         rig.skin.stop()

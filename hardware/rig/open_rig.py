@@ -9,7 +9,7 @@ from ..journal import Journal
 from ..link.loop import Clock, HostClock, Loop
 from ..skin.fingertip import make_skin
 from ..stage.stage import Stage
-from .rest import resting_place, still_pressing
+from .rest import never_opened, resting_place, still_pressing
 from .rig import Rig
 from .settings import RigFile
 
@@ -78,7 +78,7 @@ def connected(rig: Rig, home: bool = False) -> Iterator[Rig]:
             trouble.add_note("Finger position unknown: another program drives it.")
         elif isinstance(trouble, NotAtRest) and not unknown:
             trouble.add_note(f"{rig.rest.removesuffix('.')}, after another attempt.")
-        else:
+        elif not never_opened(trouble, rig.stage.report):
             trouble.add_note(rig.rest)
         raise
     rig.close()

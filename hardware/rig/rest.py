@@ -1,5 +1,6 @@
 """What is said of a finger at rest, and of one that could not be lifted."""
 
+from ...models.extras import MissingPackageError
 from ..errors import NotAtRest, RigError
 
 
@@ -8,6 +9,16 @@ def still_pressing(trouble: BaseException, worse: RigError) -> NotAtRest:
     first = str(trouble).rstrip(".") if isinstance(trouble, Exception) else "Interrupted"
     again = "" if str(worse) == str(trouble) else f" {worse}"
     return NotAtRest(f"{first or type(trouble).__name__}. The finger may still be pressing; lift it by hand.{again}")
+
+
+def never_opened(trouble: BaseException, report: object) -> bool:
+    """Whether no device was opened, as a package is missing, so that nothing has moved.
+
+    Args:
+        trouble: What happened.
+        report: The last one of the stage.
+    """
+    return isinstance(trouble, MissingPackageError) and report is None
 
 
 def resting_place(position_mm: tuple[float, float] | None = None, may_press: bool = True, touches: bool = False) -> str:

@@ -108,6 +108,8 @@ def log_likelihoods(tables: TouchTables, taps: ArrayLike) -> NDArray[np.float64]
     """Log p(tap | where, hypothesis) at power 1 of every tap, shape (T, L, H)."""
     seen = np.asarray(taps)
     T, missing = len(seen), -len(seen) % _TAPS
+    if T == 0:
+        return np.empty((0, *tables.form.shape))
     padded = np.concatenate([seen, np.repeat(seen[-1:], missing, axis=0)])
     parts = [np.asarray(_of_taps(tables, part)) for part in padded.reshape(-1, _TAPS, *seen.shape[1:])]
     return np.concatenate(parts)[:T]

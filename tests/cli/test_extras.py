@@ -80,6 +80,7 @@ def test_without_extras_commands_run_or_name_the_extra(taps_file, tmp_path):
     for line, needed in lines.items():
         code, said = ends[line]
         assert code == (2 if needed else 0), (line, said)
+        assert "Finger" not in said, (line, said)
         assert (missing(needed) in " ".join(said.split())) if needed else "needs" not in said, (line, said)
 
 

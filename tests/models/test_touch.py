@@ -111,6 +111,7 @@ def test_any_model_is_enumerated_over_where_session_and_what(make_taps, monkeypa
             total = np.logaddexp.reduce(log_belief.ravel())
             np.testing.assert_allclose(actual, log_belief - total + expected, rtol=1e-10)
             np.testing.assert_allclose(model.exponent * alone, expected, rtol=1e-10)
+        assert log_likelihoods(tables, np.stack([seen])[:0]).shape == (0, *alone.shape)
 
 
 def test_sites_have_the_names_of_what_is_unknown(make_model, draw_samples):
