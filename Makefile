@@ -26,13 +26,15 @@ dist: $(VENV)/.ready-dist
 	@rm -rf build/lib build/bdist.* dist
 	@$(PY) -m build --outdir dist . >/dev/null
 
-# The source distribution holds every file of the repository.
+# The source distribution holds every file of the repository, and no other but what setuptools writes.
 dist-check: dist
 	@$(PY) -m twine check --strict dist/*
 	@$(PY) -m check_wheel_contents dist/*.whl
 	@mkdir -p build && git ls-files | sort > build/tracked
-	@tar -tf dist/*.tar.gz | cut -d/ -f2- | sort | comm -23 build/tracked - > build/not-packed
-	@! grep . build/not-packed
+	@tar -tf dist/*.tar.gz | grep -v '/$$' | cut -d/ -f2- | sort > build/packed
+	@comm -23 build/tracked build/packed | sed 's/^/not packed: /' > build/packing
+	@comm -13 build/tracked build/packed | grep -vE '^(PKG-INFO|setup\.cfg|solidtouch\.egg-info/.*)$$' | sed 's/^/not tracked: /' >> build/packing
+	@! grep . build/packing
 
 # The default tests in the unpacked source distribution, in an environment of its own; TESTS= as above.
 sdist-test: dist
