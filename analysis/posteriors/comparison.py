@@ -107,7 +107,7 @@ def compare_draws(reference: ReferencePosterior, draws: Draws) -> DrawsVerdict:
     differences = [one for number, values in scaled.items() for one in _differences(number, values)]
     limit = float(norm.isf(LEVEL / (2 * len(differences))))
     mixing = {number.name: _mixing(values) for number, values in scaled.items()}
-    worst = max(mixing, key=lambda name: (mixing[name][0] > R_HAT, -mixing[name][1]))
+    worst = max(mixing, key=lambda name: (not _mixed(*mixing[name]), -mixing[name][1]))
     r_hat, ess = mixing[worst]
     return DrawsVerdict(
         reference.name,
@@ -115,15 +115,20 @@ def compare_draws(reference: ReferencePosterior, draws: Draws) -> DrawsVerdict:
         limit,
         max(r_hat, *(found[0] for found in mixing.values())),
         min(found[1] for found in mixing.values()),
-        worst if r_hat > R_HAT or ess < ESS else "",
+        "" if _mixed(r_hat, ess) else worst,
     )
+
+
+def _mixed(r_hat: float, ess: float) -> bool:
+    """Whether draws can be judged; NaN is the R-hat of equal draws, and the sample size of ones too large to square."""
+    return ess >= ESS and not r_hat > R_HAT
 
 
 def _scaled(number: Number, draws: Draws) -> NDArray[np.float64]:
     if number.name not in draws:
         raise InputError(f"The draws have no number {number.name}; there are {', '.join([*draws][:8])} ...")
     values = on_scale(draws[number.name], number.scale)
-    if values.shape[1] < 4 or not np.isfinite(values).all():
+    if len(values) < 1 or values.shape[1] < 4 or not np.isfinite(values).all():
         raise InputError(f"Draws of {number.name} must be finite, positive where compared as log, and at least four.")
     return values
 
@@ -139,6 +144,7 @@ def _differences(number: Number, values: NDArray[np.float64]) -> list[MomentDiff
     variance = float(square.mean())
     error = float(np.hypot(number.sd_square / _effective(square) ** 0.5, number.mcse_variance)) / number.variance
     z = float(np.log(max(variance, np.finfo(float).tiny) / number.variance)) / error
+    z = float("inf") if np.isnan(z) else z  # the squares of draws are too large for their sample size
     return [*found, MomentDifference(number.name, number.scale, "variance", variance, number.variance, z)]
 
 

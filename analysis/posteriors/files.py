@@ -59,8 +59,14 @@ def _of_dataset(data: Any, source: str) -> Draws:
     every: Draws = {}
     for name, variable in data.data_vars.items():
         if {"chain", "draw"} <= set(variable.dims) and variable.dtype.kind in "biuf":
-            every |= flattened(_name(str(name)), variable.transpose("chain", "draw", ...).values)
+            _add(every, flattened(_name(str(name)), variable.transpose("chain", "draw", ...).values), source)
     return every
+
+
+def _add(every: Draws, more: Draws, source: str) -> None:
+    if twice := every.keys() & more.keys():
+        raise InputError(f"{source} has {min(twice)} twice.")
+    every |= more
 
 
 def named_draws(draws: Any) -> Draws:
@@ -81,19 +87,23 @@ def named_draws(draws: Any) -> Draws:
     every: Draws = {}
     for name, values in draws.items():
         try:
-            array = np.asarray(values, dtype=np.float64)
+            array = np.asarray(values)
         except (TypeError, ValueError):
-            raise InputError(f"Draws of {name} are no numbers of shape (chain, draw, ...).") from None
+            array = np.array("")
+        if array.dtype.kind not in "biuf":
+            raise InputError(f"Draws of {name} are no real numbers of shape (chain, draw, ...).")
         if array.ndim < 2:
             raise InputError(f"Draws of {name} have shape {array.shape} instead of (chain, draw, ...).")
-        every |= flattened(_name(str(name)), array)
+        _add(every, flattened(_name(str(name)), array), "The mapping with draws")
+    if len({values.shape for values in every.values()}) > 1:
+        raise InputError("Draws have different numbers of chains or of draws.")
     return every
 
 
 def _chains(path: Path) -> Iterator[Draws]:
     """The chains of a file."""
     if path.exists() and not path.is_file():
-        raise InputError(f"{path} is not a file.")
+        raise InputError(f"{path} cannot be read: not a file.")
     form = "JSON" if ".json" in path.suffixes[-2:] else "CSV"
     try:
         data = path.read_bytes()
@@ -111,7 +121,10 @@ def _of_json(path: Path, text: str) -> Iterator[Draws]:
     if not chains or not all(chain and len({*map(len, chain.values())}) == 1 for chain in chains):
         raise InputError(f"{path} has no chain, or one without or with different numbers of draws.")
     for chain in chains:
-        yield {_name(name): np.array(values) for name, values in chain.items()}
+        every: Draws = {}
+        for name, values in chain.items():
+            _add(every, {_name(name): np.array(values)}, str(path))
+        yield every
 
 
 def _of_csv(path: Path, text: str) -> Iterator[Draws]:
@@ -119,6 +132,8 @@ def _of_csv(path: Path, text: str) -> Iterator[Draws]:
     if len(rows) < 2:
         raise InputError(f"{path} has no draws: a line of names and a line for each draw are due.")
     names = [_name(text) for text in rows[0]]
+    if twice := {name for name in names if names.count(name) > 1}:
+        raise InputError(f"{path} has {min(twice)} twice.")
     try:
         table = np.array(rows[1:], dtype=np.float64)
     except ValueError as error:

@@ -52,7 +52,7 @@ def judge_draws(name: str, draws: Mapping[str, Any] | Any | str | Path | Sequenc
     reference = posterior(name)
     if isinstance(draws, str | Path):
         return compare_draws(reference, read_draws([draws]))
-    if isinstance(draws, list | tuple):
+    if isinstance(draws, list | tuple) and all(isinstance(path, str | Path) for path in draws):
         return compare_draws(reference, read_draws(draws))
     return compare_draws(reference, named_draws(draws))
 

@@ -1,6 +1,7 @@
 """Draws are called right or wrong, or undecided where chains have not mixed; files of other programs are read."""
 
 import gzip
+import os
 import shutil
 import subprocess
 from hashlib import sha256
@@ -126,6 +127,15 @@ def test_few_draws_are_not_judged(right):
     assert verdict("gaussian", {name: values[:1] for name, values in right.items()}).status == "undecided"
 
 
+@pytest.mark.filterwarnings("ignore:(overflow|invalid value)")
+@pytest.mark.parametrize(("factor", "status"), [(1e300, "undecided"), (1e100, "differs"), (0.0, "differs")])
+def test_draws_of_any_size_are_not_passed(right, factor, status):
+    """Also those whose squares overflow, and equal ones."""
+    right["level.1.1.1"] *= factor
+
+    assert verdict("gaussian", right).status == status
+
+
 @pytest.mark.parametrize(
     ("change", "match"),
     [
@@ -197,6 +207,7 @@ def test_a_netcdf_file_of_arviz_is_read(right, tmp_path):
         ("a,b\n1\n", "1 columns of numbers and 2 names"),
         ("a,b\n1,2\n1\n", "another number of columns"),
         ("a\nx\n", "no number"),
+        ("a[1],a.1\n1,2\n", "has a.1 twice"),
     ],
 )
 def test_damaged_files_are_refused(text, match, tmp_path):
@@ -208,11 +219,23 @@ def test_damaged_files_are_refused(text, match, tmp_path):
     assert "draws.csv" in str(caught.value)
 
 
-def test_files_that_are_not_text_are_refused(tmp_path):
-    """Missing ones, and damaged compressed ones."""
-    (tmp_path / "draws.csv.gz").write_bytes(gzip.compress(b"a\n1\n")[:-9])
+def test_chains_of_one_file_may_alternate(right, tmp_path):
+    """As tables sorted by the number of the draw."""
+    head, *rows = gzip.decompress((DATA / "gaussian.csv.gz").read_bytes()).decode().splitlines()
+    order = np.arange(len(rows)).reshape(10, 100).T.ravel()
+    (tmp_path / "draws.csv").write_text("\n".join([head, *(rows[i] for i in order)]))
 
-    for name in ("draws.csv.gz", "none.csv"):
+    np.testing.assert_equal(read_draws([tmp_path / "draws.csv"]), right)
+
+
+def test_files_that_are_not_text_are_refused(tmp_path):
+    """Missing ones, damaged compressed ones, and pipes, which would be waited for."""
+    data = gzip.compress(b"a\n1\n" * 99)
+    (tmp_path / "draws.csv.gz").write_bytes(data[:-9])
+    (tmp_path / "other.csv.gz").write_bytes(data[:12] + b"\xff" + data[13:])
+    os.mkfifo(tmp_path / "pipe.csv")
+
+    for name in ("draws.csv.gz", "other.csv.gz", "none.csv", "pipe.csv"):
         with pytest.raises(InputError, match=f"{name} cannot be read"):
             read_draws([tmp_path / name])
 
