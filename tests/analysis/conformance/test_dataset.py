@@ -191,6 +191,25 @@ def test_the_description_is_croissant(exported):
     assert records["key"]["@id"] in {field["@id"] for field in records["field"]}
 
 
+@pytest.mark.parametrize(
+    ("tool", "words"),
+    [
+        ("mlcroissant", "validate --jsonld croissant.json"),
+        ("rocrate-validator", "--no-interactive validate --no-paging --profile-identifier ro-crate-1.1 ."),
+    ],
+)
+def test_programs_of_others_find_the_descriptions_valid(exported, tool, words):
+    """Of the packages mlcroissant and roc-validator; the second fetches the terms of RO-Crate."""
+    if (program := shutil.which(tool)) is None:
+        pytest.skip(f"there is no {tool}")
+    done = subprocess.run([program, *words.split()], cwd=exported, capture_output=True, text=True, check=False)
+    said = done.stdout + done.stderr
+    if "URLError" in said or "Unable to retrieve" in said:
+        pytest.skip(f"{tool} cannot fetch what it needs")
+
+    assert done.returncode == 0, said
+
+
 @pytest.mark.parametrize("name", sorted(STATIC))
 def test_files_of_the_package_are_exported_as_they_are(exported, name):
     text = (exported / name).read_bytes()
