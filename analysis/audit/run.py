@@ -194,6 +194,7 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
             lambda advance: time_dependence(tested.taps, of_class, progress=advance, **options),
             classes,
         )
+        draw_ahead(_figures_of_tests(parts, leaks, taxels, times))
         with clock.stage("Fitting remedies", count_remedies(settings.models)) as advance:
             remedies, refused = make_remedies(
                 parts.train, parts.tune, grid, setting, SEQUENCE, seed, advance, settings.models
@@ -214,7 +215,7 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
         promises = clock.beside(
             threads, "Checking error bounds", lambda _: _promises(base, parts.measure, grid, settings, policy_of(base))
         )
-        draw_ahead(_figures(parts, leaks, taxels, times, parted, checks, promises))
+        draw_ahead(_figures_of_model(leaks, parted, checks, promises))
         with clock.stage("Measuring remedies", count_measurements(remedies, settings.simulations)) as advance:
             measured = measure(
                 remedies,
@@ -259,19 +260,22 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
     )
 
 
-def _figures(
-    parts: AuditParts,
+def _figures_of_tests(
+    parts: AuditParts, leaks: Future[Leakage], taxels: Future[xr.Dataset], times: Future[xr.Dataset]
+) -> Iterator[Callable[[], Any]]:
+    """Figures of stages that end before remedies are fitted, in their order."""
+    yield partial(figures.leakage, leaks.result())
+    yield partial(figures.taxel_map, taxels.result())
+    yield partial(figures.times, times.result(), parts.train.preprocessing.rate_hz)
+
+
+def _figures_of_model(
     leaks: Future[Leakage],
-    taxels: Future[xr.Dataset],
-    times: Future[xr.Dataset],
     parted: Future[tuple[xr.Dataset | None, str, float]],
     checks: Future[xr.DataTree],
     promises: Future[tuple[xr.Dataset, dict[str, PromiseTest]]],
 ) -> Iterator[Callable[[], Any]]:
     """Figures of stages that end before the last one, in their order."""
-    yield partial(figures.leakage, leaks.result())
-    yield partial(figures.taxel_map, taxels.result())
-    yield partial(figures.times, times.result(), parts.train.preprocessing.rate_hz)
     split, _, p = parted.result()
     if split is not None:
         yield from for_all_widths(partial(figures.seen_causes, split, shown_cause(leaks.result(), split, p)))
