@@ -84,7 +84,10 @@ def compare(
         folds = min(folds, 1 if leave_out == "session" else _QUICK_FOLDS)
     with loading():
         from ..analysis.compare.report import compare as study
+        from ..analysis.compare.taps import without_placeholders
         from ..analysis.page.ahead import drawing_ahead
+
+        without_placeholders()
     from .shared.progress import bars
 
     names = NAMES if models == "all" else [name.strip() for name in models.split(",")]

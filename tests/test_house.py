@@ -51,10 +51,10 @@ EVERYWHERE = {"numpy", "scipy", "xarray", "msgspec"}
 EDGES = {
     "anywidget": ("analysis/live/widget.py",),
     "arviz": (
-        "analysis/compare/taps.py",
         "analysis/posteriors/comparison.py",
         "models/measurement/fits/nuts.py",
     ),
+    "arviz_base": ("analysis/compare/taps.py",),
     "arviz_stats": ("analysis/compare/taps.py",),
     "cloudpickle": ("models/measurement/fits/portable.py",),
     "dask": ("analysis/tasks/dask.py",),

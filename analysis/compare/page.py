@@ -3,16 +3,22 @@
 import json
 from collections.abc import Iterator
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray as xr
 
+from ..page.ahead import later
 from ..page.labelled import NUMBERS_FORMAT
 from ..page.numbers import bounded, factor_of, in_brackets, interval, listed, number, percent
 from ..page.page import Block, Brief, Cautions, Note, Page, Picture, Row, Section, Table, Verbatim
-from . import figures, figures_decisions, figures_taps
 from .run import Comparison
 from .taps import SAMPLE
+
+if TYPE_CHECKING:
+    from . import figures, figures_decisions, figures_taps
+else:  # they load matplotlib
+    figures, figures_decisions, figures_taps = later(__package__, "figures", "figures_decisions", "figures_taps")
 
 
 def comparison_tree(comparison: Comparison, summary: Row) -> xr.DataTree:

@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import scipy.optimize  # noqa: F401 - a library that is loaded later would use all cores and round otherwise
@@ -26,17 +26,21 @@ from ...models.progress import Progress, ShownHere
 from ...models.settings import FitSettings, PlaySettings
 from ...models.taps import TapSet
 from ...models.threads import cores, in_order, one_blas_thread
-from ..page.ahead import draw_ahead
+from ..page.ahead import draw_ahead, later
 from ..page.stages import StageClock
 from ..stats.checks import REPLICATES, predictive_checks
 from ..stats.decisions import at_equal_taps, decision_curves, planned, play_models
 from ..tasks.crew import ONE_BY_ONE, Crew, on_threads
 from ..tasks.kept import Kept
-from . import figures, figures_decisions
 from .classes import class_scores
 from .groups import UNITS, known_taps
 from .left_out import LeftGroups, leave_out_groups
 from .taps import leave_one_tap_out, stacked
+
+if TYPE_CHECKING:
+    from . import figures, figures_decisions
+else:  # they load matplotlib
+    figures, figures_decisions = later(__package__, "figures", "figures_decisions")
 
 _FEWEST_DRAWS = 100
 FEWEST_RESAMPLES = 2

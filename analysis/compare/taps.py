@@ -6,6 +6,7 @@ diagnostic allows, which a sample of the taps decides, and exactly where a close
 `groups`.
 """
 
+import sys
 import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
@@ -92,6 +93,18 @@ def leave_one_tap_out(fitted: Fitted, taps: TapSet, draws: int, seed: int) -> xr
     return result
 
 
+def without_placeholders() -> None:
+    """Takes away the placeholders of JAX and NumPyro that ArviZ leaves: SciPy would look into them, which loads JAX.
+
+    For a process that does not give posteriors to ArviZ.
+    """
+    known = {*sys.modules}
+    import arviz_base  # noqa: F401, PLC0415
+
+    for name in {"jax", "numpyro"} - known:
+        sys.modules.pop(name, None)
+
+
 def _importance_sampled(
     fitted: Fitted, taps: TapSet, draws: int, seed: int
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
@@ -158,12 +171,12 @@ def stacked(elpd: Mapping[str, Any]) -> Any:
     Args:
         elpd: See `relative_elpd`.
     """
-    import arviz as az  # noqa: PLC0415
     import scipy.optimize  # noqa: F401, PLC0415 - a library that is loaded later would use all cores and round otherwise
+    from arviz_stats.loo.compare import compare  # noqa: PLC0415 - as in ArviZ, which loads matplotlib as well
 
     with one_blas_thread(), warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return az.compare(elpd, method="stacking", round_to="none")
+        return compare(elpd, method="stacking", round_to="none")
 
 
 def mean_scores(

@@ -110,16 +110,21 @@ def test_fit_loads_no_jax(ran, model):
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems draw on a thread")
-def test_another_process_draws_the_figures_of_an_audit(tmp_path, make_taps):
-    """This one does not even load what draws them."""
+def test_another_process_draws_the_figures_of_studies(tmp_path, make_taps):
+    """This one does not even load what draws them, nor JAX, of which the histogram makes no use."""
     make_taps(sessions=2, repeats=8).save(tmp_path / "taps.nc")
-    words = ["audit", str(tmp_path / "taps.nc"), "--quick", "--bins", "10", "--out", str(tmp_path / "audit")]
-    audit = run_all({"audit": words})["audit"]
+    some = [str(tmp_path / "taps.nc"), "--quick", "--bins", "10", "--out"]
+    comparing = ["compare", *some, str(tmp_path / "compare"), "--models", "histogram"]
+    ran = run_all({"audit": ["audit", *some, str(tmp_path / "audit")], "compare": comparing})
+    audit, compare = ran["audit"], ran["compare"]
 
     assert audit.code == 0
     assert (tmp_path / "audit" / "remedies.svg").exists()
     assert "numba" in audit.modules
     assert not audit.modules & {"matplotlib", "jax"}
+    assert compare.code == 0
+    assert "arviz_stats" in compare.modules
+    assert not compare.modules & {"matplotlib", "jax", "numpyro"}
 
 
 def test_a_program_that_has_loaded_xarray_can_run_a_command(data):
