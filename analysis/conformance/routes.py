@@ -162,8 +162,8 @@ def _enumerated(model: TapModel) -> Callable[[NDArray[np.float64]], NDArray[np.f
 
     def of(taps: NDArray[np.float64]) -> NDArray[np.float64]:
         with jax.enable_x64(True):
-            found = log_likelihoods(touch_tables(model), jax.numpy.asarray(observed(model, taps)))
-        return np.where(model.trained, model.exponent * np.asarray(found), -np.inf)
+            found = log_likelihoods(touch_tables(model), observed(model, taps))
+        return np.where(model.trained, model.exponent * found, -np.inf)
 
     return of
 

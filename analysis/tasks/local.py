@@ -4,6 +4,7 @@ Workers are fresh interpreters, so nothing of this process leaks into them; each
 name at a time and is sent the next when it needs them. They end with this process, however it ends.
 """
 
+import gc
 import os
 import signal
 import sys
@@ -73,7 +74,7 @@ class _Worker:
         self.ready = False
         self._data = ""
         self.pipe, other = context.Pipe()
-        self._process = context.Process(target=_work, args=(other, work), daemon=True)
+        self._process = context.Process(target=_work, args=(other, work, gc.get_threshold()), daemon=True)
         try:
             with _without_interrupts(), _another_main():
                 self._process.start()
@@ -162,8 +163,9 @@ def _mourn(worker: _Worker, queue: TaskQueue, *, alone: bool) -> list[Outcome]:
     return queue.died(worker.batch, f"The worker process died ({how}); the machine may have run out of memory.")
 
 
-def _work(pipe: Connection, work: Work) -> None:
-    """The life of a worker process."""
+def _work(pipe: Connection, work: Work, collected: tuple[int, int, int]) -> None:
+    """The life of a worker process, which collects garbage as often as the other process."""
+    gc.set_threshold(*collected)
     threading.Thread(target=_end_with_parent, daemon=True).start()
     held: list[Any] = []
     with suppress(EOFError, OSError):  # the other end has died

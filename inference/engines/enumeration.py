@@ -49,6 +49,8 @@ _COPIES = 8  # numbers per sample and class that a generative model holds
 _TAPS = 16
 # Compiling the sum over all paths takes seconds, twice as long with optimizations, and it runs a few times.
 _AS_IT_STANDS = {"xla_backend_optimization_level": 0, "xla_llvm_disable_expensive_passes": True}
+_LITTLE = {"xla_backend_optimization_level": 1}  # updates as fast as with all optimizations, compiled in less time
+_LEAST = 4, 4, 8  # samples, taxels and bins that tables and taps are filled up to, so that small ones share a program
 _AT_ONCE = 1 << 23  # numbers that one step of an enumeration holds
 
 
@@ -72,22 +74,33 @@ class SequencePosterior(NamedTuple):
 
 def touch_tables(model: TapModel) -> TouchTables:
     """The fitted model as float64 JAX arrays; requires x64 to be enabled."""
-    form: Any = model.form
-    if isinstance(form, MixtureForm):
+    form, edges = model.form, model.edges
+    if isinstance(form, TableForm):
+        log_prob = _filled(form.log_prob, _LEAST[2:], -np.inf)
+        form, edges = TableForm(_filled(log_prob, _LEAST[1:], 0.0)), np.empty(0)  # tables are not over samples
+    elif isinstance(form, MixtureForm):
         form = StackedForm(jax.tree.map(lambda *parts: np.stack(parts), *form.parts))
     # `asarray` would compile a program for every new shape.
-    form, edges, log_trained = jax.device_put((form, model.edges, np.where(model.trained, 0.0, -np.inf)))
+    form, edges, log_trained = jax.device_put((form, edges, np.where(model.trained, 0.0, -np.inf)))
     return TouchTables(form, edges, log_trained, model.exponent)
 
 
 def observed(model: TapModel, taps: ArrayLike) -> NDArray[np.generic]:
     """Taps (..., J, K) as `models.touch.observe_tap` takes them: bins for table forms, samples for others.
 
+    Bins are filled up to `_LEAST` with some that do not count.
+
     Raises:
         InputError: The taps differ in shape from the training taps, or a sample is NaN or infinite.
     """
     bins = model.bins(taps)
-    return bins if isinstance(model.form, TableForm) else np.asarray(taps, dtype=np.float64)
+    return _filled(bins, _LEAST[:2], -1) if isinstance(model.form, TableForm) else np.asarray(taps, dtype=np.float64)
+
+
+def _filled(values: NDArray[Any], least: tuple[int, ...], value: float) -> NDArray[Any]:
+    """Values with more of them at the end of the last axes, where these are shorter."""
+    missing = [max(0, size - have) for size, have in zip(least, values.shape[-len(least) :], strict=True)]
+    return np.pad(values, [(0, 0)] * (values.ndim - len(least)) + [(0, n) for n in missing], constant_values=value)
 
 
 @jax.jit
@@ -115,7 +128,7 @@ def log_likelihoods(tables: TouchTables, taps: ArrayLike) -> NDArray[np.float64]
     return np.concatenate(parts)[:T]
 
 
-@jax.jit
+@partial(jax.jit, compiler_options=_AS_IT_STANDS)
 def _of_taps(tables: TouchTables, taps: jax.Array) -> jax.Array:
     """`log_likelihoods` of `_TAPS` taps, so that other numbers of taps are not compiled anew."""
     H = tables.form.shape[1]
@@ -144,14 +157,14 @@ def _everywhere(at: Callable[[jax.Array], jax.Array], tables: TouchTables, tap: 
     return values.reshape(L, H)
 
 
-@jax.jit
+@partial(jax.jit, compiler_options=_LITTLE)
 def _update(tables: TouchTables, log_belief: jax.Array, tap: jax.Array) -> tuple[jax.Array, jax.Array]:
     joint = log_joint(tables, log_belief, tap)
     log_evidence = logsumexp(joint)
     return joint - log_evidence, log_evidence
 
 
-@partial(jax.jit, static_argnames="M")
+@partial(jax.jit, static_argnames="M", compiler_options=_LITTLE)
 def _predict(log_belief: jax.Array, where_kernel: jax.Array, redraws_what: jax.Array, M: int) -> jax.Array:
     """The belief (L, S M) through a `MoveKernel`: the sum over all previous classes, in logs, state by state."""
     before = log_belief.reshape(len(log_belief), -1, M)
@@ -163,7 +176,7 @@ def _predict(log_belief: jax.Array, where_kernel: jax.Array, redraws_what: jax.A
     return jnp.logaddexp(same_what, new_what).reshape(log_belief.shape)
 
 
-@partial(jax.jit, static_argnames="M")
+@partial(jax.jit, static_argnames="M", compiler_options=_LITTLE)
 def _predict_around(
     log_belief: jax.Array, where_kernel: jax.Array, redrawn: jax.Array, vacated: jax.Array, M: int
 ) -> jax.Array:
@@ -301,18 +314,18 @@ def _sequence_taps(
     Counts are used on full grids, for independent samples, without states, and if `log_likelihood` (T, L, H) varies
     so little over the classes that the stand-in is far below all of it.
     """
-    form, seen = model.form, observed(model, taps)
+    form = model.form
     (L, H), M = form.shape, model.grid.M
     likeliest = log_likelihood.max(axis=(1, 2))
     full = model.trained.all()
     if full and isinstance(form, TableForm) and H == M and _spread(log_likelihood) < -_IMPOSSIBLE - 50:
         # So low that one sample there outweighs all others of its tap.
         impossible_bin = (_IMPOSSIBLE + likeliest.min()) / model.exponent
-        counts = (seen[..., None] == np.arange(form.log_prob.shape[-1])).sum(axis=1)
+        counts = (model.bins(taps)[..., None] == np.arange(form.log_prob.shape[-1])).sum(axis=1)
         log_prob = np.where(np.isneginf(form.log_prob), impossible_bin, form.log_prob)
         return CountedTaps(*jax.device_put((log_prob, counts.astype(float))))
     least = (_IMPOSSIBLE + likeliest)[:, None, None] / model.exponent
-    weights = np.maximum(log_likelihoods(touch_tables(model), seen), least)
+    weights = np.maximum(log_likelihoods(touch_tables(model), observed(model, taps)), least)
     weights = weights.reshape(len(taps), L, H // M, M)
     if not full:  # paths through holes must not outweigh others, whatever their tables hold
         most = likeliest[:, None, None, None] / model.exponent

@@ -125,5 +125,5 @@ def test_sites_have_the_names_of_what_is_unknown(make_model, draw_samples):
 
     drawn = {name for name, site in trace.items() if site["type"] == "sample" and not site["is_observed"]}
     assert drawn == {"session", "where", "what"}
-    assert trace["bins"]["fn"].batch_shape == (5, 2)
+    assert trace["bins"]["fn"].batch_shape == (5, 4)
     assert (trace["J"]["type"], trace["K"]["type"]) == ("plate", "plate")
