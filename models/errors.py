@@ -36,7 +36,9 @@ def check_path(path: "str | PathLike[str]") -> Path:
     """
     path = Path(path)
     try:
-        path.exists()
+        path.stat()  # from Python 3.14 on exists() tells no reasons
+    except (FileNotFoundError, NotADirectoryError, ValueError):
+        return path
     except OSError as error:
         raise InputError(f"{path}: {error.strerror}.") from error
     return path

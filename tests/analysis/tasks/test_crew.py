@@ -38,7 +38,7 @@ def test_what_a_task_refuses_is_refused(crew):
 
 
 def test_any_other_error_is_told_with_its_traceback():
-    with pytest.raises(RuntimeError, match=r"(?s)Traceback.*in over.*ZeroDivisionError: float division by zero"):
+    with pytest.raises(RuntimeError, match=r"(?s)Traceback.*in over.*ZeroDivisionError: .*division by zero"):
         list(on_runner(through_pickle)(over, [1, 0], 1.0))
 
 
