@@ -269,10 +269,12 @@ def _asked(precision: Precision, without: Sequence[str], timeout: float = 10.0) 
     """What is asked of an implementation.
 
     Raises:
-        InputError: There is no such precision or quantity.
+        InputError: There is no such precision or quantity, or the timeout is not positive.
     """
     if precision not in ("double", "single"):
         raise InputError(f"--precision {precision}: it must be one of double, single.")
+    if not timeout > 0:
+        raise InputError(f"--timeout must be positive, got {timeout:g}.")
     known = [name for name in QUANTITIES if name not in FIT]
     for name in without:
         if name not in known:
@@ -290,7 +292,11 @@ def _report(
     """The verdicts with their causes, which are likelier the more cases they explain."""
     folder, names, levels = wanted
     kit = open_kit(folder, asked.precision)
-    chosen = kit.select(names, levels or (() if names else BASIC))
+    asked_levels = levels or (() if names else BASIC)
+    chosen = kit.select(names, asked_levels)
+    if not chosen:
+        held = ", ".join(dict.fromkeys(case.level for case in kit.cases.values())) or "none"
+        raise InputError(f"--kit {folder}: no case of --level {', '.join(asked_levels)}; its levels are {held}.")
     advance = progress("Cases", len(chosen))
     verdicts = list(counted(work(chosen), advance))
     wrong = sum(verdict.quantity != "" for verdict in verdicts)

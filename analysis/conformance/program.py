@@ -19,6 +19,7 @@ from ...hardware.rig.deferred_signals import signals_deferred
 from ...models.errors import InputError
 
 _AT_ONCE = 1 << 16
+_LONGEST_WAIT = 3600.0  # seconds; systems count them in milliseconds of 32 bits
 _MOST = 24 << 20  # bytes of a stream; the answers to all cases together have 10 MB
 _MOST_LINE = 1 << 18  # bytes of a line; the longest answer has 6 kB
 _GRACE_S = 0.1
@@ -173,7 +174,7 @@ def _read(streams: Sequence[_Stream], end: float) -> str:
             if stream.open:
                 selector.register(stream.pipe, selectors.EVENT_READ, stream)
         while selector.get_map() and (rest := end - time.monotonic()) > 0:
-            for key, _ in selector.select(rest):
+            for key, _ in selector.select(min(rest, _LONGEST_WAIT)):
                 if flood := key.data.read():
                     return flood
                 if not key.data.open:

@@ -102,8 +102,6 @@ def named_draws(draws: Any) -> Draws:
 
 def _chains(path: Path) -> Iterator[Draws]:
     """The chains of a file."""
-    if path.exists() and not path.is_file():
-        raise InputError(f"{path} cannot be read: not a file.")
     form = "JSON" if ".json" in path.suffixes[-2:] else "CSV"
     try:
         data = path.read_bytes()

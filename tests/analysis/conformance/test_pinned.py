@@ -142,6 +142,12 @@ def test_cases_of_a_folder_are_chosen_and_listed(small):
         st.conformance.cases("one-bin", kit=small)
 
 
+def test_a_folder_without_a_case_of_the_levels_asked_for_names_its_own(small):
+    """Also where no level was named and the folder has only others than a check asks for."""
+    with pytest.raises(st.InputError, match="no case of --level limits; its levels are core, borders"):
+        st.conformance.run(right, levels=["limits"], kit=small)
+
+
 def test_a_folder_is_for_one_precision(small, tmp_path):
     st.conformance.export(tmp_path / "single", ["root-j"], precision="single")
 

@@ -14,6 +14,8 @@ from solidtouch.analysis.conformance.run import Asked, check_answers, check_prog
 from solidtouch.analysis.conformance.verdict import described
 from solidtouch.models.errors import InputError
 
+import solidtouch as st
+
 CASE = catalogue()["root-j"]
 ANSWERS = "".join(f"{to_line(answer.line(CASE.name))}\n" for answer in expected(CASE))
 
@@ -145,6 +147,13 @@ def test_what_a_program_leaves_running_is_stopped_and_told(left, what, right, tm
     assert found.startswith("pass, but it left a process running")
     assert found.endswith(what)
     assert gone(tmp_path / "child")
+
+
+def test_a_timeout_may_be_infinite_and_must_be_positive():
+    assert sentence("exit 3", timeout=float("inf")).startswith("FAILED it ended with exit code 3")
+    for wrong in (0.0, -1.0, float("nan")):
+        with pytest.raises(InputError, match="--timeout must be positive"):
+            st.conformance.run_program("true", ["root-j"], timeout=wrong)
 
 
 def test_what_left_the_process_group_costs_no_more_than_the_timeout(right):
