@@ -101,8 +101,8 @@ def run_engines(
 ) -> None:
     """Check the engines of this package; exit code 1 if one differs."""
     with loading():
+        from ..analysis.conformance.engines import ROUTES
         from ..analysis.conformance.front import run_engine
-        from ..analysis.conformance.routes import ROUTES
     from .shared.progress import bars
 
     passed = True

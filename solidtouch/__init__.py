@@ -4,10 +4,16 @@ Names are listed with their places in `__init__.pyi` and described in docs/refer
 they are first asked for, so that importing this package costs nothing.
 """
 
-from importlib.metadata import version
+from typing import Any
 
 import lazy_loader
 
-__version__ = version("solidtouch")
+_public, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib.metadata import version  # noqa: PLC0415 - takes longer than all else here
+
+        return version(__name__)
+    return _public(name)

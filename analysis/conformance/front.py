@@ -15,9 +15,9 @@ from .catalogue import expected as exact_answers
 from .causes import with_causes
 from .dataset.export import export_kit
 from .dataset.pinned import read_kit
+from .engines import ROUTES
 from .program import split_command
 from .report import ConformanceReport
-from .routes import ROUTES
 from .run import Asked, Implementation, check_answers, check_function, check_program, run_route
 from .tolerance import Precision
 from .verdict import Verdict

@@ -27,9 +27,6 @@ from ...models.taps import TapSet
 from .answers import ZERO_EVIDENCE, Answer
 from .case import Case
 
-ROUTES = ("numpy", "numpyro", "montecarlo")
-"""Names of engines; that of the Monte Carlo is the compiled filter, whose whole trials `trials` compares."""
-
 
 class Route(NamedTuple):
     """One way to answer.
@@ -63,7 +60,7 @@ def answers(route: str, case: Case) -> Iterator[Answer]:
     """What a route answers.
 
     Args:
-        route: One of `ROUTES`.
+        route: One of `engines.ROUTES`.
         case: The case.
 
     Raises:

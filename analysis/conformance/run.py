@@ -42,7 +42,7 @@ class Asked(NamedTuple):
 
 
 def run_route(route: str, cases: Sequence[Case]) -> Iterator[Verdict]:
-    """The verdicts on an engine of this software, one of `routes.ROUTES`."""
+    """The verdicts on an engine of this software, one of `engines.ROUTES`."""
     return (_own(route, case) for case in cases)
 
 

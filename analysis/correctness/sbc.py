@@ -28,10 +28,6 @@ ROUTES = (*ENGINES, ARRAYS, *DEVICES)
 """Engines tap by tap, the array code of the Monte Carlo tap by tap, and its whole trials on two devices."""
 
 POLICIES = (PASSIVE, ACTIVE)
-SHORT = {"numpy": 300, "numpyro": 200, "filter": 300, ARRAYS: 1000, "cpu": 1000}
-"""Trials of each route and policy for a check of some seconds. `xla-cpu` compiles anew for every number of taps, which
-takes half a minute, and what it does to a belief is what `arrays` does."""
-
 LEVEL = 0.01
 
 
@@ -98,7 +94,7 @@ class Calibration(NamedTuple):
 
 def calibrate(
     truth: HistogramModel,
-    trials: Mapping[str, int] = SHORT,
+    trials: Mapping[str, int],
     *,
     believed: TapModel | None = None,
     border: Border = "clamp",

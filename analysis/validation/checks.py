@@ -2,20 +2,19 @@
 
 from collections.abc import Callable
 from functools import partial
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from ...hardware.simulator.session import simulate_session
-from ...hardware.simulator.settings import preset
-from ...models.measurement.histogram import fit
-from ..conformance.catalogue import catalogue
 from ..conformance.dataset.version import KIT_VERSION
-from ..conformance.routes import ROUTES
-from ..conformance.run import run_route
-from ..conformance.verdict import Verdict, described
-from ..correctness.sbc import LEVEL, SHORT, calibrate
-from ..experiment.crosscheck import CrossCheck, crosscheck_model
-from ..experiment.sources import right_model
+from ..conformance.engines import ROUTES
 from ..page.stages import Check, timed_check
+
+if TYPE_CHECKING:
+    from ..conformance.verdict import Verdict
+    from ..experiment.crosscheck import CrossCheck
+
+SHORT = {"numpy": 300, "numpyro": 200, "filter": 300, "arrays": 1000, "cpu": 1000}
+"""Trials of each route and policy of a calibration of some seconds. `xla-cpu` compiles anew for every number of taps,
+which takes half a minute, and what it does to a belief is what `arrays` does."""
 
 _EPISODES, _TAPS = 4, 20
 _CALLED = {"arrays": "Monte Carlo in arrays", "cpu": "Monte Carlo trials"}
@@ -53,24 +52,36 @@ def checked(check: Planned, seed: int) -> Check:
 
 
 def _routes(seed: int) -> tuple[str, bool]:
+    from ...hardware.simulator.session import simulate_session
+    from ...hardware.simulator.settings import preset
+    from ...models.measurement.histogram import fit
+    from ..experiment.crosscheck import crosscheck_model
+
     train, test = (simulate_session(preset("paper"), seed, session) for session in (0, 1))
     model = fit(train, train.grid())
     found = crosscheck_model(model, model.usable(test), train=train, episodes=_EPISODES, length=_TAPS, seed=seed)
     return _differences(found), found.passed
 
 
-def _differences(found: CrossCheck) -> str:
+def _differences(found: "CrossCheck") -> str:
     choices = found.differing_decisions + found.differing_moves
     largest = max(row.largest for row in found.rows if row.quantity == "posterior")
     return f"posteriors within {largest:.1e}, {choices} decisions and moves differ"
 
 
 def _calibration(route: str, trials: int, seed: int) -> tuple[str, bool]:
+    from ..correctness.sbc import LEVEL, calibrate
+    from ..experiment.sources import right_model
+
     found = calibrate(right_model(seed), {route: trials}, level=LEVEL / len(SHORT), seed=seed)
     return f"{len(found.failed)} of {found.tests} tests on {2 * trials} episodes fail", found.passed
 
 
 def _conformance(route: str, _seed: int) -> tuple[str, bool]:
+    from ..conformance.catalogue import catalogue
+    from ..conformance.run import run_route
+    from ..conformance.verdict import described
+
     verdicts = list(run_route(route, list(catalogue().values())))
     wrong = [verdict for verdict in verdicts if verdict.status not in ("pass", "left out")]
     passed, left = _count(verdicts, "pass"), _count(verdicts, "left out")
@@ -79,5 +90,5 @@ def _conformance(route: str, _seed: int) -> tuple[str, bool]:
     return f"{asked}{f', {left} do not apply' if left else ''}{first}", not wrong and passed > 0
 
 
-def _count(verdicts: list[Verdict], status: str) -> int:
+def _count(verdicts: list["Verdict"], status: str) -> int:
     return sum(verdict.status == status for verdict in verdicts)

@@ -1,18 +1,19 @@
 """Checks of this installation: the function `solidtouch.validate` and its report."""
 
 from dataclasses import dataclass
-
-import xarray as xr
+from typing import TYPE_CHECKING
 
 from ...models.progress import Progress, no_progress
 from ...models.threads import cores
-from ..page.labelled import labelled
 from ..page.page import Brief, Page, Table
 from ..page.report import Report
 from ..page.stages import Check
 from ..tasks.crew import ONE_BY_ONE, on_runner
 from ..tasks.local import in_processes
 from .checks import checked, checks
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -48,8 +49,10 @@ class ValidationReport(Report):
         return all(check.passed for check in self.found)
 
     @property
-    def checks(self) -> xr.Dataset:
+    def checks(self) -> "xr.Dataset":
         """Reference, result and duration of each check, dim check."""
+        from ..page.labelled import labelled  # noqa: PLC0415 - only programs ask, and xarray takes long to import
+
         rows = ({"check": check.name, **check._asdict()} for check in self.found)
         return labelled(rows, ["check"], {"seconds": "s"}).drop_vars("name")
 

@@ -20,9 +20,9 @@ from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 from solidtouch.analysis.conformance.case import LEVELS
+from solidtouch.analysis.conformance.engines import ROUTES
 from solidtouch.analysis.conformance.front import cases, expected, run_engine, run_program
 from solidtouch.analysis.conformance.report import ConformanceReport
-from solidtouch.analysis.conformance.routes import ROUTES
 
 from benchmarks.page import parsed, write_rows
 from benchmarks.study import until_interrupted

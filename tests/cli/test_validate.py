@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 from solidtouch.analysis.conformance import run
 from solidtouch.analysis.conformance.catalogue import catalogue
-from solidtouch.analysis.correctness import sbc_trials
+from solidtouch.analysis.correctness import sbc, sbc_trials
 from solidtouch.analysis.validation import checks
 from solidtouch.cli.main import app
 from typer.testing import CliRunner
@@ -25,7 +25,7 @@ def short(monkeypatch, cases):
     """Three cases, few episodes and as few taps as they need."""
     monkeypatch.setattr(sbc_trials, "_PER_CLASS", 100)
     monkeypatch.setattr(sbc_trials, "_AT_FIXATION", 500)
-    monkeypatch.setattr(checks, "catalogue", lambda: cases)
+    monkeypatch.setattr("solidtouch.analysis.conformance.catalogue.catalogue", lambda: cases)
     monkeypatch.setattr(checks, "SHORT", {"filter": 60, "cpu": 60})
     monkeypatch.setattr(checks, "ROUTES", ("numpy", "montecarlo"))
     monkeypatch.setattr(checks, "_routes", lambda _seed: ("nothing differs", True))
@@ -64,13 +64,13 @@ def test_a_check_has_the_seed():
 
 @pytest.mark.slow
 def test_beliefs_that_are_too_cautious_are_found(short, monkeypatch):
-    calibrate = checks.calibrate
+    calibrate = sbc.calibrate
 
     def rooted(truth, trials, **options):
         return calibrate(truth, trials, believed=replace(truth, power="J"), **options)
 
     monkeypatch.setattr(checks, "SHORT", {"filter": 120})
-    monkeypatch.setattr(checks, "calibrate", rooted)
+    monkeypatch.setattr(sbc, "calibrate", rooted)
     done = CliRunner().invoke(app, ["validate", "--workers", "1"])
 
     assert done.exit_code == 1

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from solidtouch.analysis.conformance.catalogue import catalogue, expected, own_kit
 from solidtouch.analysis.conformance.comparison import first_difference
+from solidtouch.analysis.conformance.engines import ROUTES
 from solidtouch.analysis.conformance.mistakes import MISTAKES, explains
-from solidtouch.analysis.conformance.routes import ROUTES
 from solidtouch.analysis.conformance.run import run_route
 from solidtouch.analysis.conformance.tolerance import (
     _added,

@@ -275,7 +275,7 @@ def test_wrong_requests_are_refused(small, trials, more, message):
 
 def test_untrained_classes_are_refused(make_model):
     with pytest.raises(InputError, match="not trained"):
-        calibrate(make_model(power="none", untrained=[(0, 1)]))
+        calibrate(make_model(power="none", untrained=[(0, 1)]), {ARRAYS: 1})
 
 
 def result_of(*p: float) -> Calibration:
