@@ -118,7 +118,7 @@ def check_rig(rig: Rig, seconds: float = 10.0, home: bool = False) -> RigReport:
         _look_at_stage(rig, report, home)
         _look_at_sensor(rig, report, seconds)
     except BaseException as trouble:
-        if not never_opened(trouble, rig.stage.report):
+        if not never_opened(trouble, rig):
             trouble.add_note(resting_place(rig.stage.position_mm, rig.may_press, rig.skin.monitor.touches))
         raise
     finally:

@@ -78,7 +78,7 @@ def connected(rig: Rig, home: bool = False) -> Iterator[Rig]:
             trouble.add_note("Finger position unknown: another program drives it.")
         elif isinstance(trouble, NotAtRest) and not unknown:
             trouble.add_note(f"{rig.rest.removesuffix('.')}, after another attempt.")
-        elif not never_opened(trouble, rig.stage.report):
+        elif not never_opened(trouble, rig):
             trouble.add_note(rig.rest)
         raise
     rig.close()

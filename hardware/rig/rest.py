@@ -1,7 +1,12 @@
 """What is said of a finger at rest, and of one that could not be lifted."""
 
+from typing import TYPE_CHECKING
+
 from ...models.extras import MissingPackageError
 from ..errors import NotAtRest, RigError
+
+if TYPE_CHECKING:
+    from .rig import Rig
 
 
 def still_pressing(trouble: BaseException, worse: RigError) -> NotAtRest:
@@ -11,14 +16,9 @@ def still_pressing(trouble: BaseException, worse: RigError) -> NotAtRest:
     return NotAtRest(f"{first or type(trouble).__name__}. The finger may still be pressing; lift it by hand.{again}")
 
 
-def never_opened(trouble: BaseException, report: object) -> bool:
-    """Whether no device was opened, as a package is missing, so that nothing has moved.
-
-    Args:
-        trouble: What happened.
-        report: The last one of the stage.
-    """
-    return isinstance(trouble, MissingPackageError) and report is None
+def never_opened(trouble: BaseException, rig: "Rig") -> bool:
+    """Whether no device was opened, as a package is missing, so that nothing has moved."""
+    return isinstance(trouble, MissingPackageError) and rig.stage.report is None
 
 
 def resting_place(position_mm: tuple[float, float] | None = None, may_press: bool = True, touches: bool = False) -> str:
