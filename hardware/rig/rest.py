@@ -1,12 +1,9 @@
 """What is said of a finger at rest, and of one that could not be lifted."""
 
-from typing import TYPE_CHECKING
+from typing import Any
 
 from ...models.extras import MissingPackageError
 from ..errors import NotAtRest, RigError
-
-if TYPE_CHECKING:
-    from .rig import Rig
 
 
 def still_pressing(trouble: BaseException, worse: RigError) -> NotAtRest:
@@ -16,8 +13,8 @@ def still_pressing(trouble: BaseException, worse: RigError) -> NotAtRest:
     return NotAtRest(f"{first or type(trouble).__name__}. The finger may still be pressing; lift it by hand.{again}")
 
 
-def never_opened(trouble: BaseException, rig: "Rig") -> bool:
-    """Whether no device was opened, as a package is missing, so that nothing has moved."""
+def never_opened(trouble: BaseException, rig: Any) -> bool:
+    """Whether no device of a `Rig` was opened, as a package is missing, so that nothing has moved."""
     return isinstance(trouble, MissingPackageError) and rig.stage.report is None
 
 
