@@ -59,7 +59,7 @@ class DrawsVerdict(NamedTuple):
     Attributes:
         name: Of the reference posterior.
         differences: Of all moments, the largest first.
-        limit: Largest |z| that passes.
+        limit: Largest size of `z` that passes.
         r_hat: The largest of any number; NaN for one chain.
         ess: The smallest effective sample size.
         unmixed: Name of the number with too large an R-hat or too small a sample size; empty if there is none.
