@@ -76,6 +76,12 @@ def test_one_work_can_be_measured_into_another_page(tmp_path):
     assert "| solidtouch, online, about what |" in text
 
 
+@pytest.mark.slow
+def test_a_gpu_or_its_code_is_measured():
+    """On one core, on all and as arrays, all trials decide alike."""
+    assert run("speed.run", "--quick", "--only", "gpu").count("; 0 of 1000 otherwise") == 6
+
+
 SHAPES = [(1, 1), (1, 4), (5, 1), (3, 7), (16, 5), (16, 8), (16, 9)]
 PLAYED = [(shape, policy) for shape in SHAPES for policy in ("passive", "active")]
 ONCE_EACH = [(shape, ("active", "passive")[i % 2]) for i, shape in enumerate(SHAPES)]
