@@ -6,6 +6,7 @@ sequence to funsor, which sums over all paths of classes; it contracts in the li
 sequences, so it serves as a check for up to 20 taps.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -99,8 +100,10 @@ def observed(model: TapModel, taps: ArrayLike) -> NDArray[np.generic]:
 
 def _filled(values: NDArray[Any], least: tuple[int, ...], value: float) -> NDArray[Any]:
     """Values with more of them at the end of the last axes, where these are shorter."""
-    missing = [max(0, size - have) for size, have in zip(least, values.shape[-len(least) :], strict=True)]
-    return np.pad(values, [(0, 0)] * (values.ndim - len(least)) + [(0, n) for n in missing], constant_values=value)
+    have = values.shape[-len(least) :]
+    filled = np.full((*values.shape[: -len(least)], *map(max, have, least)), value, values.dtype)
+    filled[(..., *map(slice, have))] = values
+    return filled
 
 
 @jax.jit
@@ -223,9 +226,10 @@ class NumpyroEngine:
         seen = observed(self.model, tap)
         with jax.enable_x64(True):
             posterior, log_evidence = _update(self.tables, log_belief, seen)
-            if not np.isfinite(log_evidence):
+            log_evidence = float(log_evidence)  # before the array, whose copy would be waited for on another thread
+            if not math.isfinite(log_evidence):
                 raise ZeroEvidenceError("The tap is impossible under every class with nonzero belief.")
-            return np.asarray(posterior), float(log_evidence)
+            return np.asarray(posterior), log_evidence
 
     def shift(self, log_belief: NDArray[np.float64], delta: int) -> NDArray[np.float64]:
         """Eq. 9 as the transition of the sequence model."""
