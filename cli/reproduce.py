@@ -77,6 +77,7 @@ def reproduce(
         raise InputError(f"Unexpected argument {test_data[0]}; name recorded taps with --data.")
     with loading():
         from ..analysis.page.ahead import drawing_ahead
+        from ..analysis.reproduce.check import checking_ahead
         from ..analysis.reproduce.report import reproduce as study
         from ..inference.trials.run import THRESHOLDS
         from ..models.setting_file import load_setting
@@ -93,7 +94,7 @@ def reproduce(
     if quick and not files:
         data_sets = _QUICK_DATA_SETS if data_sets is None else data_sets
     folder = report_folder(out, force)
-    with drawing_ahead(), bars() as progress:
+    with drawing_ahead(), checking_ahead(), bars() as progress:
         report = study(
             *files,
             preset=preset,

@@ -9,7 +9,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ...models.threads import other_threads
-from .drawing_process import DrawingProcess, NotDrawn, drawing_process
+from ..tasks.beside import NotDone, SideProcess, side_process
+from . import drawing_process
 
 if TYPE_CHECKING:
     from .figure_style import Drawing
@@ -44,7 +45,7 @@ def later(package: str, *names: str) -> tuple[Any, ...]:
 class _Ahead:
     """What is drawn, and by whom."""
 
-    def __init__(self, thread: Executor, process: DrawingProcess | None) -> None:
+    def __init__(self, thread: Executor, process: SideProcess | None) -> None:
         self.drawings: _Drawings = {}
         self.begun: list[Future[None]] = []
         self._thread, self._process, self._wanted = thread, process, True
@@ -71,8 +72,8 @@ class _Ahead:
         process = self._process
         if process is not None:
             try:
-                found = process.draw(draw)
-            except NotDrawn:
+                found = process.ask(drawing_process.draw, draw)
+            except NotDone:
                 if not self._wanted:
                     raise CancelledError from None
             else:
@@ -83,12 +84,12 @@ class _Ahead:
         return drawn(draw)
 
 
-def _pixels(process: DrawingProcess, number: int, draw: Callable[[], Any]) -> bytes:
+def _pixels(process: SideProcess, number: int, draw: Callable[[], Any]) -> bytes:
     from .figure_style import drawing_of  # noqa: PLC0415
 
     try:
-        return process.png(number)
-    except NotDrawn:
+        return process.ask(drawing_process.png, number)
+    except NotDone:
         return drawing_of(draw()).png()
 
 
@@ -101,7 +102,7 @@ def drawing_ahead() -> Iterator[None]:
 
     A process of their own draws them where this one has no threads yet.
     """
-    with drawing_process() as process, other_threads(1) as thread:
+    with side_process(drawing_process.load) as process, other_threads(1) as thread:
         ahead = _Ahead(thread, process)
         token = _AHEAD.set(ahead)
         try:

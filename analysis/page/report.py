@@ -133,8 +133,8 @@ class StudyReport(Report):
         with drawn_as(style), complete_folder(folder, force) as temporary:
             if is_drawn_for_pages():
                 draw_ahead(draw for one in self.pictures for draw in (one.draw, *one.narrow_draws))
-            page = self.page
             self._write_more(temporary)
+            page = self.page
             images = draw_pictures(temporary, page.pictures, progress("Drawing figures", len(page.pictures)))
             write_page(temporary, page, self.summary, self.SUMMARY, images)
 

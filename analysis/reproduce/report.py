@@ -28,10 +28,11 @@ from ..page.page import Page, Picture
 from ..page.report import StudyReport
 from ..page.stages import StageClock
 from ..stats import metrics
+from .check import check_ahead
 from .figures import pictures
 from .page import report_page
 from .record import ReproductionSummary
-from .results import Request, Results, decisions_table, places_table
+from .results import Request, Results, comparison, decisions_table, places_table
 from .summary import results_tree, summarise
 
 
@@ -211,12 +212,12 @@ def run_experiment(request: Request, progress: Progress) -> Results:
     resamples = RESAMPLES if len(folds) == 1 else 0
     with clock.stage("Playing trials", planned(grid, settings, resamples) * len(folds)) as advance:
         # Data sets must not share random numbers, or their spread would miss the sampling of trials.
-        studies = [
-            study(
-                fold, grid, settings.changed(seed=data_set_seed(settings.seed, d)), advance, resamples, clock.progress
-            )
-            for d, fold in enumerate(folds)
-        ]
+        studies, begun = [], None
+        for d, fold in enumerate(folds):
+            own = settings.changed(seed=data_set_seed(settings.seed, d))
+            studies.append(study(fold, grid, own, advance, resamples, clock.progress))
+            if d == 0:
+                begun = check_ahead(comparison(request, studies[0]), request.episodes, clock)
     names = [part.name for part in studies]
 
     def joined(parts: list[xr.Dataset]) -> xr.Dataset:
@@ -231,6 +232,7 @@ def run_experiment(request: Request, progress: Progress) -> Results:
         fresh=combined([part.played.fresh for part in studies], joined),
         fixation=fixation,
         clock=clock,
+        begun=begun,
     )
 
 

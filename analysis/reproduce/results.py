@@ -2,8 +2,10 @@
 
 import math
 from collections.abc import Iterable
+from concurrent.futures import Future
+from contextlib import suppress
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -25,6 +27,8 @@ from ..page.page import Embedded
 from ..page.stages import StageClock
 from ..stats import metrics
 from ..stats.contacts import summarise
+from ..tasks.beside import NotDone
+from .check import Check, check
 from .examples import Trajectories, belief_cases, example_episode, trajectories
 from .record import ErrorRow, PolicyRow
 
@@ -70,6 +74,7 @@ class Results:
         fresh: Outcomes with no tap drawn twice, at the shown threshold and those below.
         fixation: The fixation point of the curves.
         clock: Told of every stage.
+        begun: The engines compared, as by `check_ahead`.
     """
 
     request: Request
@@ -80,23 +85,15 @@ class Results:
     fresh: Outcomes[xr.Dataset]
     fixation: int
     clock: StageClock
+    begun: Future[CrossCheck] | None = None
 
     @cached_property
     def check(self) -> CrossCheck:
         """The engines compared on the first data set."""
-        request, first = self.request, self.studies[0]
-        with self.clock.stage("Cross-checking engines", request.episodes) as advance:
-            return crosscheck_model(
-                first.model,
-                first.test,
-                train=request.split.folds[0].train,
-                settings=request.settings,
-                border=request.settings.play.border,
-                episodes=request.episodes,
-                sequence_taps=request.sequence_taps,
-                seed=request.settings.seed,
-                progress=lambda: advance(1),
-            )
+        if self.begun is not None:
+            with suppress(NotDone):
+                return self.begun.result()
+        return check(comparison(self.request, self.studies[0]), self.request.episodes, self.clock)
 
     @property
     def cases(self) -> tuple[BeliefCase, BeliefCase]:
@@ -214,6 +211,21 @@ class Results:
         rows = self.accuracy
         columns = {name: ("contacts", [row[name] for row in rows]) for name in rows[0] if name != "contacts"}
         return xr.Dataset(columns, {"contacts": [row["contacts"] for row in rows]})
+
+
+def comparison(request: Request, first: Study) -> Check:
+    """The comparison of the engines on the first data set."""
+    return partial(
+        crosscheck_model,
+        first.model,
+        first.test,
+        train=request.split.folds[0].train,
+        settings=request.settings,
+        border=request.settings.play.border,
+        episodes=request.episodes,
+        sequence_taps=request.sequence_taps,
+        seed=request.settings.seed,
+    )
 
 
 def _curves(outcomes: Outcomes[xr.Dataset], spread: Spread) -> dict[str, xr.Dataset]:

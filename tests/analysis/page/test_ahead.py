@@ -24,7 +24,6 @@ from pathlib import Path
 import numpy as np
 from solidtouch.analysis.page import html
 from solidtouch.analysis.page.ahead import draw_ahead, drawing_ahead
-from solidtouch.analysis.page.drawing_process import DrawingProcess
 from solidtouch.analysis.page.figure_sizes import new_figure
 from solidtouch.analysis.page.page import Picture
 
@@ -126,7 +125,7 @@ def test_a_module_is_loaded_when_its_function_is_called():
 
 
 def test_a_process_with_threads_does_not_fork():
-    script = "import threading, time\nfrom solidtouch.analysis.page.drawing_process import can_fork\n"
+    script = "import threading, time\nfrom solidtouch.analysis.tasks.beside import can_fork\n"
     script += "print(can_fork())\nthreading.Thread(target=time.sleep, args=(1,)).start()\nprint(can_fork())\n"
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout.split() == [str(sys.platform == "linux"), "False"]
@@ -202,7 +201,7 @@ began = time.monotonic()
 try:
     with drawing_ahead():
         draw_ahead([partial(slow, np.ones(2)), partial(curve, np.ones(2))])
-        while not pids.exists():
+        while not (pids.exists() and pids.read_text()):
             time.sleep(0.01)
         raise KeyboardInterrupt
 except KeyboardInterrupt:
