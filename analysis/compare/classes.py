@@ -6,6 +6,7 @@ differences pair; see `inference.trials.resampling` for what is drawn anew and h
 
 from collections.abc import Mapping, Sequence
 from functools import partial
+from itertools import groupby
 from typing import NamedTuple
 
 import numpy as np
@@ -50,6 +51,10 @@ _DRAWS, _RESAMPLE_DRAWS = 50, 20  # per class, at least
 # Share of the classes that must have n distinct test taps: with fewer, dropping the hard ones would look like growth.
 _ENOUGH = 0.9
 _RESAMPLES = 100
+
+
+type _Class = tuple[int, int, list[NDArray[np.intp]]]
+"""Where and what class, and its taps in each session."""
 
 
 class _Sequences(NamedTuple):
@@ -135,14 +140,14 @@ def class_scores(
     table = tables[names[0]]
     N = len(table.log_likelihood)
     session = np.zeros(N, dtype=np.intp) if table.session is None else np.asarray(table.session)
-    pools = list(thinned_pools(table, resamples, seed))
+    pools = [_by_class(pool, session) for pool in thinned_pools(table, resamples, seed)]
     answered, samples, classes, count = [], [], [], []
     for n in dict.fromkeys(contacts):
-        sequences = _draw(pools[0], session, n, seeds.generator(seed, seeds.Purpose.CONTACT_SCORES, n, 0))
+        sequences = _draw(pools[0], n, seeds.generator(seed, seeds.Purpose.CONTACT_SCORES, n, 0))
         if sequences is None:
             continue
         generator = seeds.generator(seed, seeds.Purpose.CONTACT_SCORES, n, 1)
-        drawn = [_draw(pool, session, n, generator, _RESAMPLE_DRAWS) for pool in pools[1:]]
+        drawn = [_draw(pool, n, generator, _RESAMPLE_DRAWS) for pool in pools[1:]]
         samples.append([_samples(table, sequences, drawn) for table in tables.values()])
         answered.append(n)
         classes.append(len(np.unique(np.stack([sequences.where, sequences.what]), axis=1).T))
@@ -201,30 +206,38 @@ def _limits(name: str) -> tuple[float, float]:
     return 0.0, 2.0 if name.startswith("brier") else 1.0
 
 
-def _draw(
-    pool: TapPool, session: NDArray[np.generic], n: int, generator: np.random.Generator, draws: int = _DRAWS
-) -> _Sequences | None:
+def _by_class(pool: TapPool, session: NDArray[np.generic]) -> list[_Class]:
+    """The taps of each class that has some, session by session."""
+    found: list[_Class] = []
+    for l, m in np.argwhere(pool.per_class > 0).tolist():
+        own = pool.taps(l, m)
+        labels = session[own]
+        found.append((l, m, [own[labels == s] for s in np.unique(labels)]))
+    return found
+
+
+def _draw(known: list[_Class], n: int, generator: np.random.Generator, draws: int = _DRAWS) -> _Sequences | None:
     """Sequences of n taps, class by class; `None` where too few classes have so many."""
     if n < 1:
         raise InputError(f"A sequence has at least one contact, got {n}.")
-    parts: list[_Sequences] = []
-    held = np.argwhere(pool.per_class > 0)
-    for l, m in held:
-        own = pool.taps(l, m)
-        groups = [group for s in np.unique(session[own]) if len(group := own[session[own] == s]) >= n]
-        total = sum(map(len, groups))
-        for group in groups:
-            taps = (
-                group[:, np.newaxis]
-                if n == 1
-                else without_replacement(group, n, -(-draws * len(group) // total), generator)
-            )
-            where, what = np.repeat([[l], [m]], len(taps), axis=1)
-            parts.append(_Sequences(taps, where, what, np.full(len(taps), len(group) / len(taps))))
-    classes = len({(int(part.where[0]), int(part.what[0])) for part in parts})
-    if not classes or classes < _ENOUGH * len(held):
+    groups: list[tuple[int, int, NDArray[np.intp], int]] = []
+    for l, m, each in known:
+        enough = [group for group in each if len(group) >= n]
+        total = sum(map(len, enough))
+        groups += [(l, m, group, -(-draws * len(group) // total)) for group in enough]
+    if not groups:
         return None
-    return _Sequences(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    taps, count = [], []
+    for (_, wanted), alike in groupby(groups, lambda group: (len(group[2]), group[3])):
+        together = np.stack([group for *_, group, _ in alike])  # drawn at once, which takes less time
+        drawn = together.reshape(-1, 1) if n == 1 else without_replacement(together, n, wanted, generator)
+        taps.append(drawn)
+        count += [len(drawn) // len(together)] * len(together)
+    if len({group[:2] for group in groups}) < _ENOUGH * len(known):  # not before, so that later draws stay the same
+        return None
+    where, what, size = np.array([(l, m, len(group)) for l, m, group, _ in groups]).T
+    columns = (np.repeat(column, count) for column in (where, what, size / np.array(count)))
+    return _Sequences(np.concatenate(taps), *columns)
 
 
 def _scores(table: TapTable, sequences: _Sequences) -> _Scores:

@@ -150,24 +150,26 @@ def refuse_impossible(sequences: Iterable[Sequences]) -> None:
 def without_replacement(
     group: NDArray[np.intp], n: int, draws: int, generator: np.random.Generator
 ) -> NDArray[np.intp]:
-    """Sequences of n different taps: disjoint parts of repeatedly shuffled groups.
+    """Sequences of n different taps, group by group: disjoint parts of repeatedly shuffled groups.
 
     So taps are used about equally often, which scatters less than draws of their own. Shuffles take turns, and their
     number is even: every second sequence is of every second one. Of large groups no shuffle is used up.
 
     Args:
-        group: The taps, n of them at least.
+        group: The taps, n of them at least, or groups of as many taps, in rows.
         n: Taps of a sequence.
-        draws: How many sequences there are at least.
+        draws: How many sequences of a group there are at least.
         generator: Random generator of the shuffles.
 
     Returns:
         Shape (Q, n).
     """
-    parts = min(len(group) // n, max(1, draws // 2))
+    groups = np.atleast_2d(group)
+    size = groups.shape[1]
+    parts = min(size // n, max(1, draws // 2))
     shuffles = 2 * -(-draws // (2 * parts))
-    shuffled = generator.permuted(np.broadcast_to(group, (shuffles, len(group))), axis=1)[:, : parts * n]
-    return shuffled.reshape(shuffles, parts, n).swapaxes(0, 1).reshape(-1, n)
+    shuffled = generator.permuted(groups.repeat(shuffles, axis=0), axis=1)[:, : parts * n]
+    return shuffled.reshape(-1, shuffles, parts, n).swapaxes(1, 2).reshape(-1, n)
 
 
 def sum_taps(log_likelihood: Floats, chosen: NDArray[np.integer]) -> Floats:

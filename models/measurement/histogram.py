@@ -314,7 +314,8 @@ class HistogramPosterior(NamedTuple):
         """Draw of the log probabilities of bins; many are far below the range of plain numbers."""
         alpha = self.concentration
         log_gamma = np.log(generator.standard_gamma(alpha + 1)) - generator.standard_exponential(alpha.shape) / alpha
-        return {"log_prob": log_gamma - np.logaddexp.reduce(log_gamma, axis=-1, keepdims=True)}
+        log_gamma -= log_gamma.max(axis=-1, keepdims=True)
+        return {"log_prob": log_gamma - np.log(np.exp(log_gamma).sum(axis=-1, keepdims=True))}
 
     def convergence(self) -> Convergence:
         """Convergence: always exact."""

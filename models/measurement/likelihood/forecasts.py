@@ -2,12 +2,12 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import log_ndtr, stdtr
+from scipy.special import stdtr
 
 from ...errors import InputError
 from ..fits.cells import Cells
@@ -19,7 +19,12 @@ from .true_class import Own
 
 def log_normal_probability(lower: ArrayLike, upper: ArrayLike) -> NDArray[np.float64]:
     """Log probability of a standard normal between `lower` and `upper`, arrays that broadcast."""
-    return _log_probability(lower, upper, log_ndtr)
+    from .innovations import log_probabilities
+
+    low, high = np.broadcast_arrays(np.asarray(lower, np.float64), np.asarray(upper, np.float64))
+    out = np.empty(low.shape)
+    log_probabilities(low.ravel(), high.ravel(), out.reshape(-1))
+    return out
 
 
 def log_student_probability(
@@ -40,25 +45,21 @@ def log_student_probability(
     freedom = np.asarray(freedom)
     low, high, group = np.broadcast_arrays(np.asarray(lower, np.float64), np.asarray(upper, np.float64), which)
     if (freedom < LEAST_FREEDOM).any():
-        return _log_probability(low, high, partial(_log_student, freedom[group]))
+        return _log_probability(low, high, freedom[group])
     out = np.empty(low.shape)
     log_probabilities(low.ravel(), high.ravel(), group.ravel(), freedom, *tails(freedom), out.reshape(-1))
     return out
 
 
-def _log_student(freedom: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.float64]:
-    with np.errstate(divide="ignore"):
-        return np.log(stdtr(freedom, x))
-
-
-def _log_probability(lower: ArrayLike, upper: ArrayLike, log_cdf: Any) -> NDArray[np.float64]:
-    lower, upper = np.broadcast_arrays(np.asarray(lower, dtype=np.float64), np.asarray(upper, dtype=np.float64))
-    with np.errstate(invalid="ignore"):
-        right = lower + upper > 0  # mirrored, because distribution functions are exact near 0 and not near 1
+def _log_probability(
+    lower: NDArray[np.float64], upper: NDArray[np.float64], freedom: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """`log_student_probability` by SciPy, for any degrees of freedom."""
+    right = lower + upper > 0  # mirrored, because distribution functions are exact near 0 and not near 1
     low, high = np.where(right, -upper, lower), np.where(right, -lower, upper)
-    log_high = log_cdf(high)
     with np.errstate(divide="ignore", invalid="ignore"):
-        gap = log_cdf(low) - log_high
+        log_high = np.log(stdtr(freedom, high))
+        gap = np.log(stdtr(freedom, low)) - log_high
         return np.where(np.isneginf(log_high), -np.inf, log_high + np.log(-np.expm1(gap)))
 
 

@@ -12,10 +12,11 @@ from numpy.polynomial import Chebyshev, Polynomial
 from scipy.special import erfcx
 
 from ...compiled import compiled, polynomial
-from ...elementary import LEAST, exponential
+from ...elementary import LEAST, exponential, logarithm
 
 _ROOT_HALF = math.sqrt(0.5)
 _SMALL = 1e-150  # products above it can take one more factor without leaving the range of float64
+_AT_ONCE = 256  # intervals that are computed together, so that they stay in cache
 _PIVOT = 3.75  # of the map of [0, inf) to [-1, 1); Shepherd and Laframboise, Math. Comp. 36 (1981) 249
 
 
@@ -63,6 +64,26 @@ def intervals(a, b, near, factor):
         tail = scaled_tail(abs(a[i]))
         inside = 1 - tail * exponential(max(-0.5 * a[i] * a[i], LEAST))
         factor[i] = max((tail if a[i] >= 0 else inside) - factor[i], _SMALL)
+
+
+@compiled
+def log_probabilities(lower, upper, out):
+    """Writes the log probability of a standard normal in each interval, NaN where an end is, all of shape (n,).
+
+    It is -inf where rounding has left no width.
+    """
+    room = np.empty((4, _AT_ONCE))
+    for start in range(0, len(out), _AT_ONCE):
+        own = out[start : start + _AT_ONCE]
+        low, high = lower[start : start + _AT_ONCE], upper[start : start + _AT_ONCE]
+        a, b, near, factor = room[0, : len(own)], room[1, : len(own)], room[2, : len(own)], room[3, : len(own)]
+        for i in range(len(own)):
+            a[i], b[i] = low[i], high[i]
+        intervals(a, b, near, factor)
+        for i in range(len(own)):
+            value = logarithm(factor[i]) - 0.5 * near[i] * near[i]
+            value = value if factor[i] > _SMALL else -np.inf
+            own[i] = value if low[i] <= high[i] else np.nan
 
 
 @compiled

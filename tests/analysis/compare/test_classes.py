@@ -11,6 +11,7 @@ from solidtouch.analysis.compare.classes import (
     CALIBRATIONS,
     MEANS,
     _bins,
+    _by_class,
     _draw,
     class_interval_sentence,
     class_scores,
@@ -139,7 +140,7 @@ def test_sequences_hold_distinct_taps_of_one_class_and_session():
     """And each session has its share of the draws."""
     where, what = labels()
     session = np.arange(N) // 54
-    sequences = _draw(tap_pool(where, what, (L, M)), session, 4, np.random.default_rng(0))
+    sequences = _draw(_by_class(tap_pool(where, what, (L, M)), session), 4, np.random.default_rng(0))
 
     assert all(len(set(row)) == 4 for row in sequences.taps)
     assert (where[sequences.taps] == sequences.where[:, np.newaxis]).all()
@@ -152,7 +153,7 @@ def test_sequences_hold_distinct_taps_of_one_class_and_session():
 
 def test_without_sessions_sequences_mix_them():
     """Taps of class (0, 0) come from both ends of the recording."""
-    sequences = _draw(tap_pool(*labels(), (L, M)), np.zeros(N), 4, np.random.default_rng(0))
+    sequences = _draw(_by_class(tap_pool(*labels(), (L, M)), np.zeros(N)), 4, np.random.default_rng(0))
 
     assert np.ptp(sequences.taps[(sequences.where == 0) & (sequences.what == 0)], axis=1).max() > 54
 
