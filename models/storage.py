@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, cast
 
 from .errors import InputError, check_path
-from .io.own_netcdf import read_own, size_of
+from .io.own_netcdf import read_own, size_of, write_own
 from .io.untrusted import check_size, in_bytes, is_sealed, read_first, seal
 
 if TYPE_CHECKING:
@@ -128,11 +128,18 @@ def write_netcdf(data: "xr.Dataset | xr.DataTree", path: Path) -> None:
     Raises:
         OSError: The file cannot be written.
     """
+    import h5py  # noqa: PLC0415
+    import xarray as xr  # noqa: PLC0415
+
     if data.nbytes > ON_DISK or not _has_memory(_COPIES * data.nbytes):
         data.to_netcdf(path, engine="h5netcdf")
         return
     content = BytesIO()
-    data.to_netcdf(content, engine="h5netcdf")
+    if isinstance(data, xr.Dataset):
+        data.to_netcdf(content, engine="h5netcdf")
+    else:
+        with h5py.File(content, "w", track_order=True) as file:
+            write_own(file, data)
     path.write_bytes(content.getvalue())
 
 

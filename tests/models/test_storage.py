@@ -406,7 +406,7 @@ def test_a_disk_that_fills_while_a_folder_is_written_is_an_input_error(tmp_path)
     assert names(tmp_path) == []
 
 
-def test_groups_are_read_as_xarray_reads_them(tmp_path):
+def test_groups_are_written_and_read_as_xarray_does_it(tmp_path):
     """Dimensions with and without values, text, booleans, missing values, packed numbers, attributes of all kinds."""
     inner = xr.Dataset(
         {
@@ -419,6 +419,7 @@ def test_groups_are_read_as_xarray_reads_them(tmp_path):
             "seen": ("object", [True, False]),
             "note": ("taxel", ["a", "", "ünicode"]),
             "alone": ((), 3),
+            "none": (("object", "nothing"), np.zeros((2, 0))),
         },
         {"object": ["rod 4 mm", "rod 6 mm"], "place": ("taxel", [0.5, 1.5, 2.5]), "trial": [7, 8, 9]},
         {"format": 2, "name": "x", "share": 0.25, "empty": "", "names": ["a", "b"]},
@@ -430,6 +431,14 @@ def test_groups_are_read_as_xarray_reads_them(tmp_path):
     assert found["/"].attrs == {"kind": "tree"}
     xr.testing.assert_identical(found["inner"], inner)
     assert found["missing"].identical(xr.Dataset())
+
+    tree = xr.DataTree.from_dict({"/": inner[["object"]], "/a/b": inner, "/a/c": inner["level"].to_dataset()})
+    write_netcdf(tree, path)
+    tree.to_netcdf(tmp_path / "b.nc", engine="h5netcdf")
+    for name in ("a.nc", "b.nc"):
+        with xr.open_datatree(tmp_path / name, engine="h5netcdf") as read:
+            assert read.identical(tree)
+            assert [[*node.variables] for node in read.subtree] == [[*node.variables] for node in tree.subtree]
 
 
 def test_what_is_no_netcdf_file_is_refused(tmp_path):
