@@ -244,9 +244,10 @@ class _Players:
         thresholds = settings.thresholds, settings.fresh_thresholds
         rules = [make_rule(some, settings.play, settings.seed) for some in thresholds]
         self._H = [len(some) for some in thresholds]
+        player = LoopPlayer(table, rules[0])
         self._players = {
-            (moves, fresh): LoopPlayer(
-                table, rules[fresh]._replace(theta_x=settings.play.theta_x if moves else 1.0, fresh=fresh)
+            (moves, fresh): player.under(
+                rules[fresh]._replace(theta_x=settings.play.theta_x if moves else 1.0, fresh=fresh)
             )
             for moves in (False, True)
             for fresh in (False, True)

@@ -11,8 +11,9 @@ from ...hardware.replay import ReplayRig
 from ...inference.engines.engine import Engine
 from ...inference.episode import Episode, perceive
 from ...inference.filter import fold
-from ...inference.moves.control import MovePolicy, fixation, passive
-from ...inference.trials.records import plan_trials, trial_uniforms
+from ...inference.moves.control import fixation, passive
+from ...inference.trials.records import checked_plan, plan_trials, trial_uniforms
+from ...inference.trials.run import LoopPlayer, make_rule, play_plan
 from ..experiment.settings import ExperimentSettings
 from ..experiment.study import Study
 from ..live.viewing import example
@@ -45,18 +46,24 @@ def belief_cases(study: Study, engine: Engine, settings: ExperimentSettings) -> 
     return max(cases, key=_clarity), max(cases, key=_ambiguity)
 
 
-def trajectories(study: Study, engine: Engine, settings: ExperimentSettings, fixation_index: int) -> Trajectories:
+def trajectories(study: Study, settings: ExperimentSettings, fixation_index: int) -> Trajectories:
     """A hundred trials each, passive and active, from the same random starts up to their decisions."""
-    theta = settings.thresholds[settings.shown]
+    table = study.table
+    rule = make_rule(settings.thresholds[settings.shown], settings.play, settings.seed)
+    player = LoopPlayer(table, rule)
+    plan = checked_plan(plan_trials(table.pool, TRAJECTORIES, settings.seed, fixation_index), table.pool)
 
-    def positions(move: MovePolicy) -> NDArray[np.int64]:
-        paths = np.full((TRAJECTORIES, settings.play.deadline), -1)
-        for row, (where, _, rig) in enumerate(_rigs(study, TRAJECTORIES, settings.seed, settings.play.deadline)):
-            episode = perceive(rig, engine, theta, move, settings.play.deadline)
-            paths[row, : episode.taps] = where + np.concatenate([[0], np.cumsum(episode.realised)])
-        return paths[:, : int((paths >= 0).any(axis=0).sum())]
+    def positions(theta_x: float) -> NDArray[np.int64]:
+        at_taps = []
+        for tap in range(1, settings.play.deadline + 1):  # trials tell where they end, so they end at each tap
+            cut = play_plan(player.under(rule._replace(theta_x=theta_x, deadline=tap)), plan, 1, 1)
+            there = cut.taps[:, 0] == tap
+            if not there.any():
+                break
+            at_taps.append(np.where(there, cut.true_where[:, 0], -1))
+        return np.stack(at_taps, axis=1)
 
-    return Trajectories(positions(passive()), positions(fixation(fixation_index, settings.play.theta_x)))
+    return Trajectories(positions(1.0), positions(settings.play.theta_x))
 
 
 def example_episode(study: Study, engine: Engine, settings: ExperimentSettings, fixation_index: int | None) -> Embedded:

@@ -1,8 +1,9 @@
 """The paper's experiment on simulated or recorded taps: the function `solidtouch.reproduce` and its report."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
+from itertools import batched, chain
 from pathlib import Path
 
 import xarray as xr
@@ -13,6 +14,7 @@ from ...inference.moves.control import check_fixation
 from ...inference.trials.resampling import RESAMPLES
 from ...inference.trials.run import checked_thresholds
 from ...models.errors import InputError, check_counts
+from ...models.grid import ClassGrid
 from ...models.io.load import TapSource, names_of
 from ...models.measurement.histogram import trim
 from ...models.measurement.registry import PAPER, AnyModel, model_name
@@ -21,6 +23,8 @@ from ...models.seeds import data_set_seed
 from ...models.settings import Division, FitSettings, PlaySettings
 from ...models.splits import Fold, Split, load_experiment
 from ...models.storage import write_netcdf
+from ...models.taps import TapSet
+from ...models.threads import cores, in_order
 from ..experiment.policies import combined
 from ..experiment.settings import ExperimentSettings, check_settings
 from ..experiment.study import Study, planned, study
@@ -150,10 +154,13 @@ def reproduce(
     if preset is None:
         split, grid = load_experiment(data, division)
     else:
-        # One session is simulated twice, for what is wrong to be found before the others are.
-        grid = simulate_session(preset_settings(preset), seed, 0).grid(division.where_cell, division.what_cell)
-        check_settings(settings, grid)
-        split = simulated_split(preset, 12 if data_sets is None else data_sets, seed, progress)
+
+        def grid_of(taps: TapSet) -> ClassGrid:
+            return taps.grid(division.where_cell, division.what_cell)
+
+        number = 12 if data_sets is None else data_sets
+        split = simulated_split(preset, number, seed, progress, lambda taps: check_settings(settings, grid_of(taps)))
+        grid = grid_of(split.folds[0].train)
     files = tuple(Path(name).name for name in names_of(data))
     request = Request(split, grid, settings, preset, command, files, episodes, sequence_taps)
     return ReproductionReport(request, run_experiment(request, progress))
@@ -173,20 +180,35 @@ def _check_kind(data: Sequence[TapSource], preset: str | None, data_sets: int | 
             raise InputError(f"{option} requires {'simulated' if data else 'recorded'} taps.")
 
 
-def simulated_split(name: str, data_sets: int, seed: int, progress: Progress = no_progress) -> Split:
+def simulated_split(
+    name: str,
+    data_sets: int,
+    seed: int,
+    progress: Progress = no_progress,
+    check: Callable[[TapSet], object] = lambda taps: None,  # noqa: ARG005
+) -> Split:
     """Simulated data sets of two sessions each: the first trains, the second tests.
 
     Data set d is what `solidtouch simulate --seed SEED --data-set d` writes.
 
+    Args:
+        name: Of the preset.
+        data_sets: How many.
+        seed: Of the first one.
+        progress: Called with the name and size of the stage; returns the function that advances it.
+        check: Called with the first session, for what is wrong to be found before the others are made.
+
     Raises:
-        InputError: There is no such preset.
+        InputError: There is no such preset, or as by `check`.
     """
     settings = preset_settings(name)
+    own = [(data_set_seed(seed, d), session) for d in range(data_sets) for session in (0, 1)]
+    first = simulate_session(settings, *own[0])
+    check(first)
     advance = progress("Simulating taps", data_sets)
+    others = in_order((partial(simulate_session, settings, *one) for one in own[1:]), cores(None))
     folds = []
-    for d in range(data_sets):
-        own = data_set_seed(seed, d)
-        train, test = (simulate_session(settings, own, session) for session in (0, 1))
+    for d, (train, test) in enumerate(batched(chain([first], others), 2)):
         folds.append(Fold(train, test, f"data set {d}"))
         advance(1)
     return Split(

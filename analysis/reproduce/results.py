@@ -111,7 +111,7 @@ class Results:
         with self.clock.stage("Following single episodes", 1):
             engine = make_engine("filter", first.model, settings.play.border)
             cases = belief_cases(first, engine, settings)
-            return cases, trajectories(first, engine, settings, self.fixation) if can_act(self.grid) else None
+            return cases, trajectories(first, settings, self.fixation) if can_act(self.grid) else None
 
     @cached_property
     def example(self) -> Embedded:

@@ -189,6 +189,12 @@ class LoopPlayer:
         other._pool = pool
         return other
 
+    def under(self, rule: Rule) -> "LoopPlayer":
+        """Player under another rule of the same table, likewise."""
+        other = copy(self)
+        other._rule = rule
+        return other
+
     def __call__(self, plan: TrialPlan, first: int, last: int, trials: Trials) -> None:
         """As `Player`."""
         known = self._likelihoods, self._pool, self._prior, self._classes, self._saturation
