@@ -25,7 +25,7 @@ from ..progress import Progress, no_progress
 from ..settings import FitSettings, likelihood_exponent
 from ..taps import TapSet
 from .fits.posterior import EXACT, ByClass, Convergence
-from .likelihood.bins import TableForm, bin_edges, class_counts, find_bins, tap_counts
+from .likelihood.bins import TableForm, bin_edges, class_counts, count_taps
 from .likelihood.forecasts import LeftOut
 from .likelihood.shapes import Parameters
 from .likelihood.true_class import Own
@@ -113,32 +113,37 @@ class HistogramModel(TapModel):
         if (gain, offset) != (1.0, 0.0):
             total = alpha.sum(axis=-1, keepdims=True)
             alpha = total * np.exp(TableForm(np.log(alpha / total)).in_state(gain, offset, self.edges).log_prob)
-        (N, _, K), B = taps.shape, alpha.shape[-1]
-        bins = find_bins(taps, self.edges)
-        cells = ((np.arange(N)[:, None, None] * K + np.arange(K)) * B + bins)[bins >= 0]
-        cell, times = np.unique(cells, return_counts=True)
-        tap, rest = np.divmod(cell, K * B)
-        rows = alpha.reshape(*alpha.shape[:2], K * B)[own[0][tap], own[1][tap], rest]
-        total = alpha.sum(axis=-1)[own]
-        base = (gammaln(total) - gammaln(total + (bins >= 0).sum(axis=1))).sum(axis=-1)
+        known, tap, _, rows, times = self._in_cells(taps, own, alpha)
         with np.errstate(divide="ignore"):
             gained = np.where(rows > 0, gammaln(rows + times) - gammaln(np.maximum(rows, 1e-300)), -np.inf)
-        return base + np.bincount(tap, gained, minlength=N)
+        total = alpha.sum(axis=-1)[own]
+        return (gammaln(total) - gammaln(total + known)).sum(axis=-1) + np.bincount(tap, gained, minlength=len(taps))
 
     def leave_out(self, posterior: "HistogramPosterior", taps: NDArray[np.floating], own: Own) -> LeftOut:
         """Left-out training taps by subtraction of their counts, also at the mean of the posterior."""
-        K, B = posterior.counts.shape[2:]
-        bins, concentration = find_bins(taps, self.edges), posterior.concentration
-        integrated, plug_in = np.empty(len(taps)), np.empty(len(taps))
-        for n, (l, m) in enumerate(zip(*own, strict=True)):
-            counts = next(tap_counts(bins[n : n + 1], B)).reshape(K, B)
-            rest = np.maximum(concentration[l, m] - counts, np.finfo(float).tiny)
-            total, hit = rest.sum(axis=1), counts > 0
-            integrated[n] = (gammaln(total) - gammaln(total + counts.sum(axis=1))).sum() + (
-                gammaln(rest[hit] + counts[hit]) - gammaln(rest[hit])
-            ).sum()
-            plug_in[n] = (counts * np.log(rest / total[:, None])).sum()
-        return LeftOut(integrated, plug_in)
+        alpha = posterior.concentration
+        known, tap, taxel, rows, times = self._in_cells(taps, own, alpha)
+        rest, total = np.maximum(rows - times, np.finfo(float).tiny), alpha.sum(axis=-1)[own]
+        gained = np.bincount(tap, gammaln(rest + times) - gammaln(rest), minlength=len(taps))
+        plug_in = np.bincount(tap, times * np.log(rest / (total - known)[tap, taxel]), minlength=len(taps))
+        return LeftOut((gammaln(total - known) - gammaln(total)).sum(axis=-1) + gained, plug_in)
+
+    def _in_cells(
+        self, taps: NDArray[np.floating], own: Own, alpha: NDArray[np.float64]
+    ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp], NDArray[np.float64], NDArray[np.float64]]:
+        """Samples of each taxel (N, K); and tap, taxel, `alpha` and samples of each cell that a tap occupies."""
+        K, B = alpha.shape[2:]
+        parts = [
+            (
+                np.repeat(np.arange(which.start, which.stop), np.diff(first)),
+                cell[: first[-1]].copy(),
+                times[: first[-1]].copy(),
+            )
+            for which, (first, cell, times) in count_taps(taps, self.edges)
+        ]
+        tap, cell, times = (np.concatenate(column) for column in zip(*parts, strict=True))
+        rows = alpha.reshape(*alpha.shape[:2], K * B)[own[0][tap], own[1][tap], cell]
+        return (~np.isnan(taps)).sum(axis=1), tap, cell // B, rows, times
 
     def prior(self, posterior: "HistogramPosterior") -> "DirichletPrior":
         """Prior of the histograms."""

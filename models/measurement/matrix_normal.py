@@ -25,8 +25,10 @@ from .fits.priors import Taps
 from .likelihood.forecasts import Unseen, log_student_vectors, over_draws
 from .likelihood.forms import GaussianForm
 from .likelihood.shapes import Measure, Parameters, chain_form
+from .likelihood.true_class import OwnTaps
 from .model import Row
 from .scaling import Moments
+from .states import ONE_STATE
 from .story import Story
 
 _ROUNDS, _STILL = 200, 1e-5  # rounds at most, and the change at which they end
@@ -352,9 +354,11 @@ def integrated(
         point = form(posterior.point(), frame)
         return log_student_vectors(point._replace(scale=point.scale * inflation), posterior.tails, unseen)
 
+    known = OwnTaps(unseen.taps, unseen.own, unseen.edges, ONE_STATE)
+
     def one() -> NDArray[np.float64]:
         drawn = form({**posterior.draw(generator), "level": posterior.level}, frame)
-        return drawn._replace(scale=drawn.scale * inflation).own(unseen.taps, unseen.edges, *unseen.own)
+        return known.log_probability(drawn._replace(scale=drawn.scale * inflation))
 
     return over_draws(one)
 

@@ -12,7 +12,7 @@ from scipy.special import stdtr
 from ...errors import InputError
 from ..fits.cells import Cells
 from .bins import NOT_FINITE
-from .forms import BinGaps, GaussianForm, bin_gaps
+from .forms import AT_ONCE, BinGaps, GaussianForm, bin_gaps
 from .shapes import Measure, Parameters
 from .true_class import Own
 
@@ -167,13 +167,17 @@ def log_t_probability(form: GaussianForm, q: int, freedom: NDArray[np.float64], 
     """Log probability of the bins of taps, with Student's t for each normal of Gaussian `q`, shape (N,)."""
     if not (form.independent or np.isfinite(unseen.taps).all()):
         raise InputError(NOT_FINITE)
-    (samples, below, above), own = unseen.gaps, unseen.own
-    innovation = form.innovations(samples, *own, q)
-    scale = form.scale[q][own]
     values, which = np.unique(freedom, return_inverse=True)
-    which = np.broadcast_to(which, form.scale.shape[1:])[own]
-    lower, upper = (below + innovation) / scale, (above + innovation) / scale
-    return log_student_probability(lower, upper, values, which).sum(axis=(1, 2))
+    which = np.broadcast_to(which, form.scale.shape[1:])
+    total = np.empty(len(unseen.taps))
+    for start in range(0, len(total), AT_ONCE):  # so that they stay in cache
+        part = slice(start, start + AT_ONCE)
+        samples, below, above = (each[part] for each in unseen.gaps)
+        where, what = (each[part] for each in unseen.own)
+        innovation, scale = form.innovations(samples, where, what, q), form.scale[q, where, what]
+        lower, upper = (below + innovation) / scale, (above + innovation) / scale
+        total[part] = log_student_probability(lower, upper, values, which[where, what]).sum(axis=(1, 2))
+    return total
 
 
 def log_student_vectors(form: GaussianForm, freedom: NDArray[np.float64], unseen: Unseen) -> NDArray[np.float64]:

@@ -99,13 +99,16 @@ class GaussianForm(NamedTuple):
         self, taps: NDArray[np.floating], edges: NDArray[np.float64], where: NDArray[np.intp], what: NDArray[np.intp]
     ) -> NDArray[np.float64]:
         """Log probability of the bins of taps (N, J, K) under their own hypotheses, shape (N,)."""
+        return self.of_own_gaps(bin_gaps(taps, edges, self.independent), where, what)
+
+    def of_own_gaps(self, gaps: BinGaps, where: NDArray[np.intp], what: NDArray[np.intp]) -> NDArray[np.float64]:
+        """As `own`, from the samples with their distances to the edges, see `bin_gaps`."""
         from .innovations import true_class_log_probability
 
-        ready = self.prepare(np.zeros(self.shape, dtype=bool))
-        out = np.empty(len(taps))
-        true_class_log_probability(
-            *bin_gaps(taps, edges, self.independent), where * self.shape[1] + what, *ready[:-1], out
-        )
+        Q, L, H, J, K = self.mean.shape
+        mean, scale = (np.ascontiguousarray(each.reshape(Q, L * H, J, K)) for each in (self.mean, self.scale))
+        taxel, time, out = np.concatenate(self.taxel), np.ascontiguousarray(self.time), np.empty(len(where))
+        true_class_log_probability(*gaps, where * H + what, mean, taxel, scale, time, self.log_weight, out)
         return out
 
     def innovations(

@@ -279,17 +279,24 @@ def independent_log_probability(c, bins, lower, upper, mean, scale, log_weight, 
 
 @compiled
 def true_class_log_probability(taps, below, above, own, mean, taxel, scale, time, log_weight, out):
-    """`class_log_probability` of each tap under its own class `own`, shape (n,); `out` has shape (n,)."""
+    """`class_log_probability` of each tap under its own class `own`, shape (n,), but with means as they are.
+
+    `out` has shape (n,).
+    """
     n, J, K = taps.shape
     Q = len(mean)
-    whitened, parts, room = np.empty((J, K)), np.empty(Q), np.empty((5, J * K))
+    centred, whitened, nothing = np.empty((J, K)), np.empty((J, K)), np.zeros((J, K))
+    parts, room = np.empty(Q), np.empty((5, J * K))
     for i in range(n):
-        whiten_time(taps[i], time, whitened)
         c = own[i]
         mix = taxel[c if len(taxel) > 1 else 0]
         for q in range(Q):
+            for j in range(J):
+                for k in range(K):
+                    centred[j, k] = taps[i, j, k] - mean[q, c, j, k]
+            whiten_time(centred, time, whitened)
             parts[q] = log_weight[q] + tap_log_probability(
-                whitened, below[i], above[i], mean[q, c], mix, scale[q, c], room
+                whitened, below[i], above[i], nothing, mix, scale[q, c], room
             )
         out[i] = log_sum(parts)
 

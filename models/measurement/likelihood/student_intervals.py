@@ -9,6 +9,7 @@ degrees of freedom both grow in proportion to these.
 """
 
 import math
+from functools import lru_cache
 
 import numpy as np
 from numpy.polynomial import Chebyshev, Polynomial
@@ -34,6 +35,12 @@ _TINY = np.finfo(np.float64).tiny
 
 def tails(freedom: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Pivots, shape (F,), and coefficients of g, highest powers first, shape (F, 36), for degrees of freedom (F,)."""
+    return _known_tails(freedom.astype(np.float64).tobytes())
+
+
+@lru_cache(maxsize=16)
+def _known_tails(content: bytes) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    freedom = np.frombuffer(content).copy()  # compiled loops take arrays that may change
     pivot = 5.3 * np.sqrt(freedom / (freedom + 28))
     x = pivot[:, np.newaxis] * (1 + _NODES) / (1 - _NODES)
     values = np.empty_like(x)

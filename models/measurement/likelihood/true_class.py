@@ -9,7 +9,6 @@ from ..states import States
 from .any_form import Form
 from .bins import TableForm, find_bins
 from .forms import GaussianForm, bin_gaps
-from .innovations import true_class_log_probability
 
 type Own = tuple[NDArray[np.intp], NDArray[np.intp]]
 """Position and object index of each tap, both of shape (N,)."""
@@ -57,10 +56,7 @@ class OwnTaps:
             return form.of_bins(self._bins, where, what)
         if not isinstance(form, GaussianForm):
             return form.own(self._taps, self._edges, where, what)
-        ready = form.prepare(np.zeros(form.shape, dtype=bool))
-        out = np.empty(len(where))
-        true_class_log_probability(*self._gaps, where * form.shape[1] + what, *ready[:-1], out)
-        return out
+        return form.of_own_gaps(self._gaps, where, what)
 
 
 def in_one_state(form: Form, gain: float, offset: float, edges: NDArray[np.float64]) -> Form:
