@@ -16,6 +16,7 @@ from ..grid import ClassGrid
 from ..taps import TapSet
 from ..threads import cores, in_order
 from .fits.cells import CELL, estimated_prior
+from .fits.normal_equations import solve
 from .fits.posterior import Convergence, Sites, ascent, check_places
 from .fits.priors import CellPrior, Taps
 from .likelihood.forecasts import Unseen, log_t_probability
@@ -219,10 +220,9 @@ def _ascend(sums: _Sums, basis: Basis, length: float, most: int) -> tuple[float,
     while change > _STILL and rounds < most:
         before = a / b
         variance = amplitude[None] ** 2 * density[:, None]
-        weight, root = _weights(sums, a / b, variance)
-        spread = (root**2).sum(axis=-1)
-        amplitude = np.sqrt(((weight**2 + spread) / density).mean(axis=(0, 1, 3)))
-        square = _expected_squares(sums, weight, root)
+        weight, root, second = _weights(sums, a / b, variance)
+        amplitude = np.sqrt((np.diagonal(second, axis1=-2, axis2=-1) / density).mean(axis=(0, 1, 3)))
+        square = _expected_squares(sums, weight, second)
         if rounds < 5:  # then it has settled, and the bound is that of one prior
             prior = estimated_prior(taps, square)
         a, b = prior.a + 0.5 * taps, prior.b + 0.5 * square
@@ -235,30 +235,30 @@ def _ascend(sums: _Sums, basis: Basis, length: float, most: int) -> tuple[float,
 
 def _weights(
     sums: _Sums, precision: NDArray[np.float64], variance: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Expected weights (M, J, K, D) and Cholesky factors of their covariances, given noise precisions (L, M, J, K)."""
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Expected weights (M, J, K, D), Cholesky factors of their covariances and expected products, (M, J, K, D, D).
+
+    Given noise precisions (L, M, J, K).
+    """
     _, M, J, K = precision.shape
     D = len(variance)
-    weight, root = np.empty((M, J, K, D)), np.empty((M, J, K, D, D))
+    weight, (root, second) = np.empty((M, J, K, D)), np.empty((2, M, J, K, D, D))
     for m in range(M):
         flat = precision[:, m].reshape(-1, J * K)
-        information = (flat.T @ sums.gram[:, m].reshape(len(flat), D * D)).reshape(J, K, D, D)
-        information[..., np.arange(D), np.arange(D)] += 1 / variance.T
-        target = np.einsum("ljk,ldjk->jkd", precision[:, m], sums.product[:, m], optimize=True)
-        inverse_root = np.linalg.inv(np.linalg.cholesky(information))
-        root[m] = inverse_root.swapaxes(-1, -2)
-        weight[m] = (root[m] @ (inverse_root @ target[..., None]))[..., 0]
-    return weight, root
+        np.matmul(flat.T, sums.gram[:, m].reshape(len(flat), D * D), out=second[m].reshape(J * K, D * D))
+        second[m][..., np.arange(D), np.arange(D)] += 1 / variance.T
+        weight[m] = np.einsum("ljk,ldjk->jkd", precision[:, m], sums.product[:, m], optimize=True)
+    solve(weight.reshape(-1, D), second.reshape(-1, D, D), root.reshape(-1, D, D))
+    return weight, root, second
 
 
-def _expected_squares(sums: _Sums, weight: NDArray[np.float64], root: NDArray[np.float64]) -> NDArray[np.float64]:
+def _expected_squares(sums: _Sums, weight: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
     """Expected sums of squared residuals, shape (L, M, J, K)."""
     L, M, J, K = sums.square.shape
     D = weight.shape[-1]
     square = np.empty_like(sums.square)
     for m in range(M):
-        second = root[m] @ root[m].swapaxes(-1, -2) + weight[m][..., :, None] * weight[m][..., None, :]
-        quadratic = (sums.gram[:, m].reshape(L, D * D) @ second.reshape(J * K, D * D).T).reshape(L, J, K)
+        quadratic = (sums.gram[:, m].reshape(L, D * D) @ second[m].reshape(J * K, D * D).T).reshape(L, J, K)
         linear = np.einsum("ldjk,jkd->ljk", sums.product[:, m], weight[m], optimize=True)
         square[:, m] = sums.square[:, m] - 2 * linear + quadratic
     return np.maximum(square, 0.0)
