@@ -53,6 +53,7 @@ _LABELS = {
 }
 _SPREAD = 0.2  # of the models at one number of contacts, as the logarithm of the number
 _TICKS = 15
+_ENDS = "", "_low", "_high"
 _WORSE = 1.5  # times the log score of guessing: what is beyond that is only said to be
 
 
@@ -131,6 +132,7 @@ def plot_differences(
         policy: Which.
         grid: With it, differences of log scores far beyond the score of guessing are triangles at the edge.
     """
+    data = data[[name, *(f"{name}_difference{end}" for end in _ENDS)]]
     if policy is not None:
         data = data.sel(policy=policy)
         axes.set_title(policy)
@@ -170,18 +172,18 @@ def _panels(data: xr.Dataset, rows: list[list[tuple[Any, dict[str, Any]]]], heig
 
 def _dots(axes: Axes, data: xr.Dataset, name: str, dim: str, *, joined: bool) -> None:
     """Every model's values with intervals, a little beside each other; infinite bounds end at the value."""
-    x = data[dim].values
+    x, models = data[dim].values, data["model"].values.tolist()
+    values = np.stack([data[f"{name}{end}"].transpose("model", dim).values for end in _ENDS], axis=1)
     for i, (model, style) in enumerate(_styles(data).items()):
-        part = data.sel(model=model)
-        finite = np.isfinite(part[name].values)
-        value, low, high = (part[key].values[finite] for key in (name, f"{name}_low", f"{name}_high"))
+        finite = np.isfinite(values[i, 0])
+        value, low, high = values[i][:, finite]
         bars = np.clip(np.stack([value - low, high - value]), 0, None)
         line, *_ = axes.errorbar(
-            _beside(x, i, data.sizes["model"])[finite],
+            _beside(x, i, len(models))[finite],
             value,
             yerr=np.where(np.isfinite(bars), bars, 0.0),
             elinewidth=0.6,
-            label=short(model, data["model"].values.tolist()),
+            label=short(model, models),
             **style if joined else {**style, "linestyle": "none"},
         )
         read_off(line, x=[f"{value:g}" for value in x[finite]])

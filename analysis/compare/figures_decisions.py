@@ -81,12 +81,13 @@ def plot_errors(axes: Axes, curves: xr.Dataset, name: str, model: str) -> Axes:
     Lines are linear in the time, as `at_equal_taps` interpolates, so on this axis they are bent. The axis fits the
     errors of all models; bands that reach farther are cut, because they would flatten the lines.
     """
+    names = name, f"{name}_low", f"{name}_high"
+    curves = curves[[*names, "taps"]].sortby("theta")
     for policy, own, look in _lines(curves, model):
-        part = curves.sel(policy=policy, model=own).sortby("theta")
+        part = curves.sel(policy=policy, model=own)
         times = part["taps"].values
         between = np.unique(np.concatenate([times, np.geomspace(times[0], times[-1], _BETWEEN)[1:-1]]))
         nodes = np.searchsorted(between, times).tolist()
-        names = (name, f"{name}_low", f"{name}_high")
         dense = xr.Dataset({key: ("taps", np.interp(between, times, part[key].values)) for key in names})
         (line,) = axes.plot(between, dense[name].values, markevery=nodes, **look)
         read_off(line, [f"threshold {theta:g}" for theta in part["theta"].values], at=nodes)
@@ -104,8 +105,9 @@ def plot_miscalibration(axes: Axes, curves: xr.Dataset, model: str) -> Axes:
     """Draws a model's factors against the belief threshold on a log axis that fits those of all; 1 is calibrated."""
     axes.set_yscale("log")
     axes.axhline(1, color="grey", linewidth=0.8, linestyle=":")
+    curves = curves[[f"miscalibration{end}" for end in ("", "_low", "_high")]].sortby("theta")
     for policy, own, look in _lines(curves, model):
-        part = curves.sel(policy=policy, model=own).sortby("theta")
+        part = curves.sel(policy=policy, model=own)
         theta = part["theta"].values
         axes.plot(theta, part["miscalibration"].values, **look)
         if own == model:

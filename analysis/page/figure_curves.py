@@ -150,13 +150,14 @@ def _points(figure: Figure, axes: Axes, line: Line2D) -> Iterator[CurvePoint]:
     left, right = _interval(axes, line, ys, xs, flipped=True)
     shown, inside = (axes.transData + to.inverted() for to in (figure.transFigure, axes.transAxes))
     known = np.flatnonzero(np.isfinite(xs) & np.isfinite(ys))
-    for i in known[:: -(-len(known) // _MOST_POINTS) or 1].tolist():
-        if np.all(np.abs(inside.transform((xs[i], ys[i])) - 0.5) <= _INSIDE):
-            x, y = shown.transform((xs[i], ys[i])).tolist()
-            text = told.x[i] if told.x else _text(axes, "x", xs[i], left[i], right[i])
-            name = told.names[i] if told.names else ""
-            value = told.y[i] if told.y else _text(axes, "y", ys[i], low[i], high[i])
-            yield round(x, 4), round(1 - y, 4), text, value, name
+    known = known[:: -(-len(known) // _MOST_POINTS) or 1]
+    points = np.column_stack([xs[known], ys[known]])
+    seen = np.all(np.abs(inside.transform(points) - 0.5) <= _INSIDE, axis=1)
+    for i, (x, y) in zip(known[seen].tolist(), shown.transform(points[seen]).tolist(), strict=True):
+        text = told.x[i] if told.x else _text(axes, "x", xs[i], left[i], right[i])
+        name = told.names[i] if told.names else ""
+        value = told.y[i] if told.y else _text(axes, "y", ys[i], low[i], high[i])
+        yield round(x, 4), round(1 - y, 4), text, value, name
 
 
 def _interval(
@@ -165,7 +166,7 @@ def _interval(
     """Ends of the narrowest interval that is drawn around each value in the line's colour; NaN without one."""
     ends = np.full((2, len(values)), np.nan)
     for at, low, high in (one for artist in _intervals(axes, line) for one in _spans(artist, flipped)):
-        inside = np.isclose(along, at, rtol=1e-9, atol=0) & (low <= values) & (values <= high)
+        inside = (np.abs(along - at) <= 1e-9 * abs(at)) & (low <= values) & (values <= high)
         closer = inside & ~(ends[1] - ends[0] <= high - low)
         ends[:, closer] = [[low], [high]]
     return ends[0], ends[1]

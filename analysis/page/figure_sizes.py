@@ -183,18 +183,31 @@ def _flowing(figure: Any, rows: int, columns: int, across: int, **options: Any) 
     return axes
 
 
-def finish(figure: Any) -> None:
-    """Labels panels that go on below, and gives strokes, marks and ticks of a drawn figure the sizes of its style."""
+def finish(figure: Any, parts: Sequence[Any]) -> None:
+    """Gives a drawn figure the sizes of its style, and labels panels that go on below.
+
+    Its texts are drawn letter by letter, as names may hold `$`, which begins a formula.
+
+    Args:
+        figure: Which.
+        parts: All artists in it but those of ticks.
+    """
+    from matplotlib.text import Text  # noqa: PLC0415
+
+    for part in parts:
+        if isinstance(part, Text):
+            part.set_parse_math(False)
     for axes in figure.axes:
         if getattr(axes, "flows", False) and not axes.get_ylabel():
             axes.set_ylabel(axes.first_of_row.get_ylabel())
     _wrap(figure)
-    zoom = _STYLE.get().zoom
     for axes in figure.axes:
         for axis in (axes.xaxis, axes.yaxis):
             _fix_ticks(axis)
+    zoom = _STYLE.get().zoom
     if zoom != 1:
-        _grow(figure, zoom)
+        for part in parts:
+            _grow(part, zoom)
 
 
 def characters(figure: Any) -> int:
@@ -269,34 +282,23 @@ def _fix_ticks(axis: Any) -> None:
         axis.set_tick_params(which=rank, **{key: value for key, value in own.items() if key not in given})
 
 
-def _grow(figure: Any, zoom: float) -> None:
-    """Makes strokes, marks and distances of a figure larger, but ticks, whose size is a setting."""
+def _grow(part: Any, zoom: float) -> None:
+    """Makes strokes, marks and distances of a part of a figure larger."""
     from matplotlib.collections import Collection, PathCollection  # noqa: PLC0415
     from matplotlib.lines import Line2D  # noqa: PLC0415
     from matplotlib.patches import Patch  # noqa: PLC0415
     from matplotlib.text import Annotation  # noqa: PLC0415
 
-    ticks = {id(line) for axes in figure.axes for line in _ticks(axes)}
-    for line in figure.findobj(Line2D):
-        if id(line) not in ticks:
-            line.set(
-                linewidth=zoom * line.get_linewidth(),
-                markersize=zoom * line.get_markersize(),
-                markeredgewidth=zoom * line.get_markeredgewidth(),
-            )
-    for patch in figure.findobj(Patch):
-        patch.set_linewidth(zoom * patch.get_linewidth())
-    for collection in figure.findobj(Collection):
-        collection.set_linewidth(zoom * np.asarray(collection.get_linewidth()))
-    for marks in figure.findobj(PathCollection):
-        marks.set_sizes(zoom**2 * np.asarray(marks.get_sizes()))
-    for text in figure.findobj(Annotation):
-        if text.anncoords == "offset points":
-            text.xyann = tuple(zoom * np.asarray(text.xyann))
-
-
-def _ticks(axes: Axes) -> Iterator[Any]:
-    from matplotlib.lines import Line2D  # noqa: PLC0415
-
-    for axis in (axes.xaxis, axes.yaxis):
-        yield from axis.findobj(Line2D)
+    match part:
+        case Line2D():
+            part.set_linewidth(zoom * part.get_linewidth())
+            part.set_markersize(zoom * part.get_markersize())
+            part.set_markeredgewidth(zoom * part.get_markeredgewidth())
+        case Patch():
+            part.set_linewidth(zoom * part.get_linewidth())
+        case Collection():
+            part.set_linewidth((zoom * np.asarray(part.get_linewidth())).tolist())
+            if isinstance(part, PathCollection):
+                part.set_sizes(zoom**2 * np.asarray(part.get_sizes()))
+        case Annotation(anncoords="offset points"):
+            part.xyann = tuple(zoom * np.asarray(part.xyann))

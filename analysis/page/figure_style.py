@@ -8,7 +8,7 @@ state.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cache, partial, wraps
 from io import BytesIO
 from pathlib import Path
@@ -24,6 +24,7 @@ from .figure_svg import shortened
 
 if TYPE_CHECKING:
     import xarray as xr
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
@@ -110,24 +111,27 @@ def styled[**P, R](draw: Callable[P, R]) -> Callable[P, R]:
         with mpl.rc_context(sized(_STYLE)):
             drawn = draw(*args, **kwargs)
             if hasattr(drawn, "subfigs"):
-                _make_plain(drawn)
-                finish(drawn)
+                finish(drawn, [*_parts(drawn)])
             return drawn
 
     return drawn
 
 
-def _make_plain(figure: Any) -> None:
-    """Has texts drawn letter by letter, as names may hold `$`, which begins a formula."""
-    from matplotlib.text import Text  # noqa: PLC0415
-    from matplotlib.ticker import LogFormatter  # noqa: PLC0415
+def _parts(artist: Any) -> Iterator[Artist]:
+    """An artist and all that is in it; of axes texts alone, but for those at the ticks of numbers."""
+    from matplotlib.axis import Axis  # noqa: PLC0415
+    from matplotlib.ticker import LogFormatter, ScalarFormatter  # noqa: PLC0415
 
-    scales = [axis for axes in figure.axes for axis in (axes.xaxis, axes.yaxis)]
-    powers = [axis for axis in scales if isinstance(axis.get_major_formatter(), LogFormatter)]
-    formulas = {id(text) for axis in powers for text in axis.findobj(Text)}
-    for text in figure.findobj(Text):
-        if id(text) not in formulas:
-            text.set_parse_math(False)
+    yield artist
+    if not isinstance(artist, Axis):
+        for part in artist.get_children():
+            yield from _parts(part)
+        return
+    yield artist.label
+    if not isinstance(artist.get_major_formatter(), LogFormatter | ScalarFormatter):
+        for tick in artist.get_major_ticks():
+            yield tick.label1
+            yield tick.label2
 
 
 @cache
@@ -157,16 +161,17 @@ class Drawing(NamedTuple):
 @styled
 def drawing_of(figure: Figure) -> Drawing:
     """Lays out a figure, once and for all, and draws it."""
-    from matplotlib.backends.backend_svg import FigureCanvasSVG  # noqa: PLC0415
+    from .figure_canvas import Canvas, FigureCanvasSVG  # noqa: PLC0415
 
-    FigureCanvasSVG(figure)  # whose text is measured
+    Canvas(figure, _raster_dpi(figure), _MADE["svg"])
     layout = figure.get_layout_engine()
     if layout is not None:
         layout.execute(figure)
         figure.set_layout_engine(None)  # with an engine a figure is drawn twice
     curves = curves_of(figure)  # before the SVG, in which they have ids
     file = BytesIO()
-    figure.savefig(file, format="svg", dpi=_raster_dpi(figure), metadata=_MADE["svg"])
+    figure.savefig(file, format="svg")
+    FigureCanvasSVG(figure)  # others are drawn on once
     ids = [part for panel in curves for series in panel.series for part in series.parts]
     return Drawing(shortened(file.getvalue(), ids), figure.get_figwidth(), partial(_pixels, figure), curves)
 
