@@ -17,6 +17,7 @@ SHORT = {"numpy": 300, "numpyro": 200, "filter": 300, "arrays": 1000, "cpu": 100
 which takes half a minute, and what it does to a belief is what `arrays` does."""
 
 _EPISODES, _TAPS = 4, 20
+_SUMMED = 8  # first taps of each in the sum over all paths, whose time to compile grows with them
 _CALLED = {"arrays": "Monte Carlo in arrays", "cpu": "Monte Carlo trials"}
 
 
@@ -59,7 +60,8 @@ def _routes(seed: int) -> tuple[str, bool]:
 
     train, test = (simulate_session(preset("paper"), seed, session) for session in (0, 1))
     model = fit(train, train.grid())
-    found = crosscheck_model(model, model.usable(test), train=train, episodes=_EPISODES, length=_TAPS, seed=seed)
+    lengths = {"episodes": _EPISODES, "length": _TAPS, "sequence_taps": _SUMMED}
+    found = crosscheck_model(model, model.usable(test), train=train, seed=seed, **lengths)
     return _differences(found), found.passed
 
 
