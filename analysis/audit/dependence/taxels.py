@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ....models.compiled import compiled, ones
 from ....models.errors import InputError
+from ....models.vectors import copy
 from .permutation import (
     Floats,
     Permuted,
@@ -36,7 +37,7 @@ from .permutation import (
     product_sums,
     ratio,
     spread_samples,
-    unit_ranks,
+    unit_residuals,
 )
 
 TESTS = ("rank", "distance", "table")
@@ -161,8 +162,8 @@ def _permuted(
 
     def prepare(s: int, own: NDArray[np.intp]) -> list[Statistic | None]:
         statistics = []
-        picked = values[own][:, chosen]
-        for t, part in enumerate((_ranks(values[own]), _distances(picked), _tables(picked))):
+        ranks = mean_ranks(values[own])
+        for t, part in enumerate((_ranks(ranks), _distances(values[own][:, chosen]), _tables(ranks[:, chosen]))):
             if part is not None:
                 both = part.varies.astype(np.float64)
                 counts[t][s] = len(own) * (both.T @ both)[first, second]
@@ -173,10 +174,11 @@ def _permuted(
     return counts, found
 
 
-def _ranks(values: Floats) -> _Prepared:
-    units = unit_ranks(values)
-    first, second = np.triu_indices(values.shape[2], 1)
-    columns = np.sqrt(len(values)) * units.transpose(2, 0, 1)
+def _ranks(ranks: Floats) -> _Prepared:
+    """Of ranks of values, shape (n, J, K)."""
+    units = unit_residuals(ranks)
+    first, second = np.triu_indices(ranks.shape[2], 1)
+    columns = np.sqrt(len(ranks)) * units.transpose(2, 0, 1)
     return _Prepared(product_sums(columns, first, second, np.arange(len(first))), (units != 0).any(axis=0))
 
 
@@ -188,13 +190,15 @@ def _distances(values: Floats) -> _Prepared | None:
     kept = spread_samples(len(values), _MOST_TAPS)
     matrices = unit_distances(values[kept].transpose(2, 1, 0))
     varies = (matrices != 0).any(axis=(2, 3)).T
-    packed = matrices.astype(np.float32)
+    (K, S, n, _) = matrices.shape
+    packed = np.zeros((K, n, n, S + S % 2), dtype=np.float32)  # samples side by side, to be copied two at a time
+    packed[..., :S] = matrices.transpose(0, 2, 3, 1)
 
     def statistic(permutation: NDArray[np.int32]) -> Floats:
         if len(kept) < len(values):  # the order of what stands at the kept places permutes as many
             permutation = permutation[:, :, kept].argsort(axis=2).astype(np.int32)
-        total = np.empty((len(packed) * (len(packed) - 1) // 2, permutation.shape[1]))
-        _distance_sums(packed, permutation, total)
+        total = np.empty((K * (K - 1) // 2, permutation.shape[1]))
+        _distance_sums(packed.view(np.float64), permutation, total)
         return weight * total
 
     return _Prepared(statistic, varies)
@@ -222,42 +226,41 @@ def unit_distances(values: Floats) -> Floats:
 
 
 @compiled
-def _distance_sums(matrices: NDArray[np.float32], permutation: NDArray[np.int32], total: Floats) -> None:
-    K, S, n, _ = matrices.shape
-    F = n * (n - 1) // 2
-    row = np.empty((K, S * F), dtype=np.float32)
+def _distance_sums(pairs: Floats, permutation: NDArray[np.int32], total: Floats) -> None:
+    """Sums of products of distances, from those of single precision, (K, n, n, S), two of which are one number here."""
+    K, n, _, size = pairs.shape
+    rows = np.empty((K, n * (n - 1) // 2 * size))
+    row = rows.view(np.float32)
     for p in range(permutation.shape[1]):
+        to = 0
         for k in range(K):
-            f = 0
-            for s in range(S):
-                for i in range(1, n):
-                    a = np.uint32(permutation[k, p, i])
-                    for j in range(i):
-                        row[k, f] = matrices[k, s, a, np.uint32(permutation[k, p, j])]
-                        f += 1
+            for i in range(1, n):
+                first = (k * n + np.int64(np.uint32(permutation[k, p, i]))) * n
+                for j in range(i):
+                    copy(rows, to, pairs, (first + np.int64(np.uint32(permutation[k, p, j]))) * size, size)
+                    to += size
         g = 0
         for k in range(K):
             for m in range(k + 1, K):
                 product = np.float32(0.0)
-                for f in range(S * F):
+                for f in range(row.shape[1]):
                     product += row[k, f] * row[m, f]
                 total[g, p] = product
                 g += 1
 
 
-def quantile_bins(values: Floats, bins: int) -> NDArray[np.uint8]:
-    """The bin of each value of (n, ...) among those of the first axis; equal values share a bin."""
-    rank = mean_ranks(values)
-    return np.minimum(((rank - 0.5) * (bins / len(values))).astype(np.intp), bins - 1).astype(np.uint8)
+def quantile_bins(ranks: Floats, bins: int) -> NDArray[np.uint8]:
+    """The bin of each rank of (n, ...) among those of the first axis; equal ones share a bin."""
+    return np.minimum(((ranks - 0.5) * (bins / len(ranks))).astype(np.intp), bins - 1).astype(np.uint8)
 
 
-def _tables(values: Floats) -> _Prepared | None:
-    """Of values (n, samples, K)."""
-    n = len(values)
+def _tables(ranks: Floats) -> _Prepared | None:
+    """Of ranks (n, samples, K)."""
+    n = len(ranks)
     if n < LEAST_TAPS[2]:
         return None
     bins = min(BINS, n // 2)
-    binned = quantile_bins(values, bins)
+    binned = quantile_bins(ranks, bins)
     varies = binned.max(axis=0) > binned.min(axis=0)
     columns = np.ascontiguousarray(binned.transpose(2, 0, 1))
     number = np.arange(n + 1.0)
@@ -265,7 +268,7 @@ def _tables(values: Floats) -> _Prepared | None:
     held = (columns[..., np.newaxis] == np.arange(bins)).sum(axis=1)
     margin = terms[held].sum(axis=2)
     alive = np.ascontiguousarray(varies.T)
-    first, second = np.triu_indices(values.shape[2], 1)
+    first, second = np.triu_indices(ranks.shape[2], 1)
     constant = ((alive[first] & alive[second]) * (terms[n] - margin[first] - margin[second])).sum(axis=1)
     base = int(held[alive].max(initial=0)) + 1
     cells = next(cells for cells in (bins, 2, 1) if cells == 1 or base**cells <= _SUMS)

@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import binom, spearmanr
 from scipy.stats.contingency import crosstab
 from solidtouch.analysis.audit.dependence import taxels as dependence_taxels
+from solidtouch.analysis.audit.dependence.permutation import mean_ranks
 from solidtouch.analysis.audit.dependence.taxels import TESTS, quantile_bins, taxel_dependence, unit_distances
 from solidtouch.hardware.simulator.session import simulate_session
 from solidtouch.hardware.simulator.settings import Rod, preset
@@ -36,7 +37,7 @@ def naive_distance_correlation(x, y):
 
 def naive_information(x, y, bins):
     """Mutual information of binned values in nats."""
-    count = crosstab(quantile_bins(x, bins), quantile_bins(y, bins)).count / len(x)
+    count = crosstab(*(quantile_bins(mean_ranks(values), bins) for values in (x, y))).count / len(x)
     expected = count.sum(axis=1, keepdims=True) * count.sum(axis=0)
     positive = count > 0
     return (count[positive] * np.log(count[positive] / expected[positive])).sum()
@@ -94,7 +95,7 @@ def shuffled(taps, stratum, seed):
 @pytest.mark.parametrize("prepare", ["_ranks", "_distances", "_tables"])
 def test_statistics_of_permutations_are_those_of_permuted_taps(coupled, rng, prepare):
     taps, stratum = coupled
-    own = taps[stratum == 3]
+    own = mean_ranks(taps[stratum == 3])
     n = len(own)
     permutation = rng.permuted(np.tile(np.arange(n, dtype=np.int32), (3, 4, 1)), axis=2)
     identity = np.tile(np.arange(n, dtype=np.int32), (3, 1, 1))
@@ -123,7 +124,7 @@ def test_counts_of_masks_are_those_of_tables(rng, monkeypatch, n, sums):
     permutation[:, 0] = np.arange(n)
     first, second = values[permutation[0], :, 0], values[permutation[1], :, 1]
     expected = [[n * information(x[:, j], y[:, j]) for j in range(5)] for x, y in zip(first, second, strict=True)]
-    found = dependence_taxels._tables(values).statistic(permutation)
+    found = dependence_taxels._tables(mean_ranks(values)).statistic(permutation)
     assert_allclose(found, [np.sum(expected, axis=1)], rtol=1e-10, atol=1e-10)
 
 
@@ -145,9 +146,9 @@ def test_u_centred_distances_are_orthogonal_to_constants(rng):
 
 
 def test_bins_hold_quarters_and_equal_values_share_one(rng):
-    assert np.bincount(quantile_bins(rng.normal(size=20), 4)).tolist() == [5, 5, 5, 5]
-    assert quantile_bins(np.array([0.0, 0, 0, 0, 0, 0, 3, 1]), 4).tolist() == [1, 1, 1, 1, 1, 1, 3, 3]
-    assert_array_equal(quantile_bins(np.zeros(5), 4), 2)
+    assert np.bincount(quantile_bins(mean_ranks(rng.normal(size=20)), 4)).tolist() == [5, 5, 5, 5]
+    assert quantile_bins(mean_ranks(np.array([0.0, 0, 0, 0, 0, 0, 3, 1])), 4).tolist() == [1, 1, 1, 1, 1, 1, 3, 3]
+    assert_array_equal(quantile_bins(mean_ranks(np.zeros(5)), 4), 2)
 
 
 def test_taxels_in_another_order_have_the_same_effects(coupled):
