@@ -19,6 +19,7 @@ from .quantities import flattened
 type Draws = dict[str, NDArray[np.float64]]
 """Numbers by name, each of shape (chain, draw)."""
 _CHAIN = ("chain", ".chain", "chain__")
+_MOST_BYTES = 1 << 28
 
 
 def read_draws(paths: Sequence[str | Path]) -> Draws:
@@ -31,7 +32,7 @@ def read_draws(paths: Sequence[str | Path]) -> Draws:
             where a language reserves it; lines that begin with # are left out.
 
     Raises:
-        InputError: A file cannot be read, or chains differ in length or names.
+        InputError: A file cannot be read or is larger than 256 MiB, or chains differ in length or names.
     """
     if not paths:
         raise InputError("There is no file with draws.")
@@ -104,8 +105,11 @@ def _chains(path: Path) -> Iterator[Draws]:
     """The chains of a file."""
     form = "JSON" if ".json" in path.suffixes[-2:] else "CSV"
     try:
-        data = path.read_bytes()
-        text = (gzip.decompress(data) if path.suffix == ".gz" else data).decode()
+        with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as file:
+            data = file.read(_MOST_BYTES + 1)
+        if len(data) > _MOST_BYTES:
+            raise InputError(f"{path} is larger than {_MOST_BYTES >> 20} MiB, the most that a file with draws may be.")
+        text = data.decode()
     except (OSError, EOFError, UnicodeDecodeError, zlib.error) as error:
         raise InputError(f"{path} cannot be read as {form}: {error}.") from error
     yield from _of_json(path, text) if form == "JSON" else _of_csv(path, text)

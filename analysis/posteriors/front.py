@@ -25,7 +25,7 @@ def reference_posterior(name: str) -> ReferencePosterior:
     Raises:
         InputError: There is none of this name.
     """
-    return posterior(name)
+    return posterior(str(name))
 
 
 def judge_draws(name: str, draws: Mapping[str, Any] | Any | str | Path | Sequence[str | Path]) -> DrawsVerdict:
@@ -49,7 +49,7 @@ def judge_draws(name: str, draws: Mapping[str, Any] | Any | str | Path | Sequenc
     Raises:
         InputError: There is no such posterior, or the draws cannot be read or judged.
     """
-    reference = posterior(name)
+    reference = posterior(str(name))
     if isinstance(draws, str | Path):
         return compare_draws(reference, read_draws([draws]))
     if isinstance(draws, list | tuple) and all(isinstance(path, str | Path) for path in draws):

@@ -60,8 +60,10 @@ def _routes(seed: int) -> tuple[str, bool]:
 
     train, test = (simulate_session(preset("paper"), seed, session) for session in (0, 1))
     model = fit(train, train.grid())
-    lengths = {"episodes": _EPISODES, "length": _TAPS, "sequence_taps": _SUMMED}
-    found = crosscheck_model(model, model.usable(test), train=train, seed=seed, **lengths)
+    usable = model.usable(test)
+    found = crosscheck_model(
+        model, usable, train=train, episodes=_EPISODES, length=_TAPS, sequence_taps=_SUMMED, seed=seed
+    )
     return _differences(found), found.passed
 
 

@@ -2,6 +2,7 @@
 
 import gzip
 import json
+import re
 from copy import deepcopy
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import pytest
 import xarray as xr
 from jsonschema import Draft202012Validator
 from referencing import Registry, Resource
-from solidtouch.analysis.posteriors import catalogue
+from solidtouch.analysis.posteriors import catalogue, files
 from solidtouch.analysis.posteriors.files import read_draws
 from solidtouch.models.measurement.registry import NAMES
 
@@ -155,6 +156,23 @@ def test_draws_in_any_form_have_the_same_verdict(gaussian, form):
 def test_other_objects_are_refused(draws, sentence):
     with pytest.raises(st.InputError, match=sentence):
         st.conformance.judge_draws("gaussian", draws)
+
+
+@pytest.mark.parametrize(("name", "opened"), [("draws.csv", open), ("draws.csv.gz", gzip.open)])
+def test_files_beyond_256_mib_are_not_read(name, opened, tmp_path, monkeypatch):
+    """Nor unpacked, nor devices without an end."""
+    monkeypatch.setattr(files, "_MOST_BYTES", 1 << 20)
+    path = tmp_path / name
+    with opened(path, "wb") as file:
+        file.write(bytes((1 << 20) + 1))
+
+    with pytest.raises(st.InputError, match=f"{re.escape(str(path))} is larger than 1 MiB, the most"):
+        st.conformance.judge_draws("gaussian", path)
+
+
+def test_a_name_that_is_no_text_is_refused():
+    with pytest.raises(st.InputError, match=r"There is no reference posterior '\[\]'; choose from histogram, "):
+        st.conformance.reference_posterior([])
 
 
 def test_a_reference_is_not_changed_by_its_reader(gaussian):
