@@ -1,5 +1,6 @@
 """What a process beside this one does to draw figures, so that matplotlib is loaded there alone."""
 
+import gc
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +15,7 @@ def load() -> None:
     from .figure_style import draw_nothing  # noqa: PLC0415 - loads matplotlib
 
     draw_nothing()
+    gc.disable()  # figures stay until the end
 
 
 def draw(what: Callable[[], Any]) -> tuple[int, bytes, float, Any] | None:
