@@ -8,7 +8,6 @@ import typer
 from typer import Argument, Option
 
 from ..models.errors import InputError
-from ..models.storage import check_writable, complete_file
 from .shared.interrupt import loading
 from .shared.options import Force
 
@@ -157,6 +156,7 @@ def check(
     """Check a program in any language; report the first difference, its size and likely cause."""
     with loading():
         from ..analysis.conformance.front import run_files, run_program
+        from ..models.storage import check_writable, complete_file
     from .shared.progress import bars
 
     if (command is None) == (answers is None):

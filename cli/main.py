@@ -5,7 +5,6 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
-from importlib.metadata import version as installed_version
 from typing import Annotated, Any, NoReturn
 
 from .shared.interrupt import INTERRUPTED, MESSAGE, TERMINATED, loading, repeated, terminable
@@ -78,6 +77,8 @@ app.add_typer(conformance, name="conformance")
 
 def _print_version(wanted: bool) -> None:
     if wanted:
+        from importlib.metadata import version as installed_version
+
         print(f"solidtouch {installed_version('solidtouch')}")
         raise typer.Exit
 
@@ -120,13 +121,10 @@ def run() -> None:
     """
     with loading():
         from ..hardware.errors import RigError
-        from ..inference.engines.shadow import EnginesDisagree
 
     try:
         with _without_dask(), repeated(), terminable():
             _command()(prog_name="solidtouch")
-    except EnginesDisagree as error:
-        _refuse(error, 1)
     except RigError as error:
         _refuse(error, 3)
     except InputError as error:
@@ -137,12 +135,13 @@ def run() -> None:
         if error.errno not in _NO_PATH or error.filename is None:
             raise
         _refuse(f"{error.filename}: {error.strerror}.", 2)
-    except ArithmeticError as error:
+    except Exception as error:
+        from ..inference.engines.shadow import EnginesDisagree
         from ..inference.reference import ZeroEvidenceError
 
-        if not isinstance(error, ZeroEvidenceError):
+        if not isinstance(error, EnginesDisagree | ZeroEvidenceError):
             raise
-        _refuse(error, 2)
+        _refuse(error, 1 if isinstance(error, EnginesDisagree) else 2)
     except KeyboardInterrupt as stop:  # outside a command; Typer turns those inside into exit codes
         print(MESSAGE, file=sys.stderr)
         _print_place(stop)

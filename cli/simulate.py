@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING, Annotated
 from typer import Option
 
 from ..models.errors import InputError
-from ..models.seeds import data_set_seed
-from ..models.storage import check_writable
 from .shared.completion import presets_or_model
 from .shared.interrupt import loading
 from .shared.options import Seed, Story
@@ -51,6 +49,9 @@ def simulate(
     """Simulate sessions of taps, one file each."""
     with loading():
         from rich.progress import track
+
+        from ..models.seeds import data_set_seed
+        from ..models.storage import check_writable
 
     if sessions < 1:
         raise InputError(f"--sessions must be at least 1, got {sessions}.")

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
 
-from .process import kept
+from .process import keep_memory, kept
 
 INTERRUPTED = 130  # exit code, as in shells and Typer
 TERMINATED = 143
@@ -28,6 +28,7 @@ def loading() -> Iterator[None]:
     try:
         with kept():
             yield
+        keep_memory()
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -19,6 +19,7 @@ _SETTINGS = {"JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0", "JAX_PERSISTENT_
 _MOST_BYTES = 1 << 28
 _PATIENCE_S = 2.0
 _SELDOM = 200_000, 50, 1000
+_MALLOC = {-1: 1 << 26, -3: 1 << 22}  # M_TRIM_THRESHOLD and M_MMAP_THRESHOLD in bytes
 
 
 def keep_programs() -> None:
@@ -47,6 +48,20 @@ def keep_programs() -> None:
 def collect_seldom() -> None:
     """Makes Python search for circular garbage less often."""
     gc.set_threshold(*_SELDOM)
+
+
+def keep_memory() -> None:
+    """Makes the C library of Linux keep memory for the next arrays, which the system would have to clear each time.
+
+    Arrays of 4 MiB or more are given back as before.
+    """
+    if sys.platform == "linux" and "numpy" in sys.modules:  # which has loaded ctypes, too
+        import ctypes
+
+        library = ctypes.CDLL(None)
+        if hasattr(library, "mallopt"):
+            for parameter, size in _MALLOC.items():
+                library.mallopt(parameter, size)
 
 
 @contextmanager

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ...models.errors import InputError
-from ...models.grid import ClassGrid
 
 if TYPE_CHECKING:
     from ...hardware.recording.recording import Recorder
+    from ...models.grid import ClassGrid
     from ...models.io.rig_recording import About
 
 
@@ -31,7 +31,7 @@ def check_record(path: Path, rig: str, force: bool) -> None:
 
 @contextmanager
 def recording(
-    path: Path | None, rig: str, grid: ClassGrid, what: str | None, taps: int, force: bool
+    path: Path | None, rig: str, grid: "ClassGrid", what: str | None, taps: int, force: bool
 ) -> Iterator["Recorder | None"]:
     """Recorder of a rig, closed at the end of the block; a file without a tap is removed if the block fails.
 
@@ -74,7 +74,7 @@ def kept(recorder: "Recorder") -> str:
     return f"{path}: {presses} presses of an unknown object, not convertible to a tap set; name it with --object."
 
 
-def _about(rig: str, grid: ClassGrid, what: str | None) -> "About":
+def _about(rig: str, grid: "ClassGrid", what: str | None) -> "About":
     from msgspec.structs import replace
 
     from ...hardware.named_rigs import objects

@@ -76,7 +76,7 @@ def ran(data):
 def test_help_loads_no_data_library(ran):
     assert ran["help"].code == 0
     assert "inspect" in ran["help"].printed
-    assert not ran["help"].modules & (SLOW | {"xarray", "pandas", "h5py"})
+    assert not ran["help"].modules & (SLOW | {"numpy", "xarray", "pandas", "h5py"})
 
 
 def test_inspect_loads_nothing_beside_xarray(data):

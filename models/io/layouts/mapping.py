@@ -4,7 +4,7 @@
 """
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from msgspec import Meta
 from msgspec.structs import force_setattr
@@ -12,7 +12,9 @@ from msgspec.structs import force_setattr
 from ...errors import InputError
 from ...settings import Checked, SettingError, wanted
 from ..toml import parse_settings, read_settings
-from .formats.contents import TextTable
+
+if TYPE_CHECKING:
+    from .formats.contents import TextTable
 
 type Format = Literal["text", "npy", "npz", "mat", "hdf5", "netcdf", "zarr", "parquet", "arrow", "jsonl", "mcap"]
 type TimeUnit = Literal["s", "ms", "us", "ns"]
@@ -178,8 +180,10 @@ class TapMap(Checked, frozen=True, kw_only=True):
         return (self.taxel,) if isinstance(self.taxel, str) else self.taxel or ()
 
     @property
-    def text_table(self) -> TextTable:
+    def text_table(self) -> "TextTable":
         """How a table of text is written."""
+        from .formats.contents import TextTable  # noqa: PLC0415 - loads NumPy
+
         return TextTable(
             delimiter=self.delimiter,
             decimal=self.decimal,

@@ -11,12 +11,14 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
-from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ...errors import InputError, check_path
 from .contract import StoryFunction
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoints
 
 GROUP = "solidtouch.models"
 """Entry points of packages: the name of a model, and its function."""
@@ -56,9 +58,16 @@ def undone_on_error() -> Iterator[None]:
         raise
 
 
+def _installed(**chosen: Any) -> "EntryPoints":
+    """Generative models of installed packages."""
+    from importlib.metadata import entry_points  # takes a tenth of the start of a command
+
+    return entry_points(group=GROUP, **chosen)
+
+
 def has_name(name: str) -> bool:
     """Whether a name is that of a registered or installed model, or of the form FILE.py:FUNCTION, which is not run."""
-    return name in _registered or _FORM.fullmatch(name) is not None or bool(entry_points(group=GROUP, name=name))
+    return name in _registered or _FORM.fullmatch(name) is not None or bool(_installed(name=name))
 
 
 def registered(name: str) -> StoryFunction | None:
@@ -90,14 +99,14 @@ def named(name: str) -> StoryFunction | None:
         return _registered[name]
     if matched := _FORM.fullmatch(name):
         return add(_from_file(Path(matched["file"]), matched["function"]), name)
-    for entry in entry_points(group=GROUP, name=name):
+    for entry in _installed(name=name):
         return add(entry.load(), name)
     return None
 
 
 def known() -> tuple[str, ...]:
     """Names of registered models and of those of installed packages."""
-    return tuple(sorted({*_registered, *(entry.name for entry in entry_points(group=GROUP))}))
+    return tuple(sorted({*_registered, *(entry.name for entry in _installed())}))
 
 
 def _from_file(path: Path, function: str) -> Any:
@@ -136,7 +145,7 @@ def digest(story: StoryFunction) -> str:
 
 def place(story: StoryFunction) -> str:
     """Where commands find a generative model: FILE.py:FUNCTION or a name of a package; empty if unknown."""
-    if _FORM.fullmatch(story.name) or entry_points(group=GROUP, name=story.name):
+    if _FORM.fullmatch(story.name) or _installed(name=story.name):
         return story.name
     function, name = story.function, getattr(story.code, "__qualname__", "")
     file = inspect.getsourcefile(story.code)
