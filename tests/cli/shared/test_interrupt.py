@@ -101,7 +101,7 @@ run()
 """
 
 
-@pytest.mark.parametrize("module", ["typer", "solidtouch.inference.engines.shadow", "rich.progress"])
+@pytest.mark.parametrize("module", ["typer", "solidtouch.hardware.errors", "rich.progress"])
 def test_a_command_interrupted_before_it_begins_says_so(module, tmp_path):
     words = [sys.executable, "-c", EARLY.format(module=module)]
     done = subprocess.run(words, cwd=tmp_path, capture_output=True, text=True, check=False)
