@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
+from contextvars import copy_context
 from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -27,6 +28,7 @@ from ...models.settings import FitSettings, PlaySettings
 from ...models.taps import TapSet
 from ...models.threads import cores, in_order, one_blas_thread
 from ..page.ahead import draw_ahead, later
+from ..page.figure_sizes import for_all_widths
 from ..page.stages import StageClock
 from ..stats.checks import REPLICATES, predictive_checks
 from ..stats.decisions import at_equal_taps, decision_curves, planned, play_models
@@ -38,9 +40,9 @@ from .left_out import LeftGroups, leave_out_groups
 from .taps import leave_one_tap_out, stacked
 
 if TYPE_CHECKING:
-    from . import figures, figures_decisions
+    from . import figures, figures_decisions, figures_taps
 else:  # they load matplotlib
-    figures, figures_decisions = later(__package__, "figures", "figures_decisions")
+    figures, figures_decisions, figures_taps = later(__package__, "figures", "figures_decisions", "figures_taps")
 
 _FEWEST_DRAWS = 100
 FEWEST_RESAMPLES = 2
@@ -142,17 +144,22 @@ def compare_models(
     decide = partial(_decide, fits, shared, grid, settings, clock, each)
 
     def predict() -> tuple[Any, ...]:
-        return (
-            _leave_out_taps(fits, train, settings, clock, each),
-            leave_out_groups(fits, left, clock, crew),
-            _check_predictions(fits, train, grid, settings, clock, each),
-        )
+        left_out = _leave_out_taps(fits, train, settings, clock, each)
+        if left_out is not None:
+            draw_ahead(for_all_widths(partial(figures_taps.pareto, left_out)))
+        checks, unchecked = _check_predictions(fits, train, grid, settings, clock, each)
+        if checks is not None:
+            draw_ahead([partial(figures_taps.predictive_checks, checks)])
+        groups, *others = leave_out_groups(fits, left, clock, crew)  # the last, as it uses all cores to its end
+        if groups is not None:
+            draw_ahead(for_all_widths(partial(figures_taps.groups_left_out, groups)))
+        return left_out, checks, unchecked, groups, *others
 
     several = crew is None and all(split_name(name)[0] in KINDS for name in fits)  # as NumPyro runs in one thread
-    parts: list[Callable[[], Any]] = [decide, predict]
+    parts: list[Callable[[], Any]] = [decide, partial(copy_context().run, predict)]
     decisions, predictions = in_order(parts, cores(None) if several else 1, lambda part: part is decide)
     classes, curves, equal, mixed = decisions
-    left_out, (groups, elpd, sentence, missing), (checks, unchecked) = predictions
+    left_out, checks, unchecked, groups, elpd, sentence, missing = predictions
     missing += [reason for reason in (unchecked, mixed) if reason]
     return Comparison(
         grid=grid,
