@@ -103,13 +103,14 @@ def play_models(
     played = policies(grid) if only is None else (only,)
     shape = len(tables), len(played), len(MEANS), len(thresholds)
     means, ends = np.full((*shape, 1 + 3 * resamples), np.nan), np.full((len(ENDINGS), *shape), np.nan)
+    between = _between(grid)
     for i, (model, table) in enumerate(tables.items()):
         some = thresholds[thresholds <= (np.inf if highest is None else highest[model])]
         for j, policy in enumerate(played):
             kept = play_resamples(
                 table,
                 some,
-                partial(_sums, grid),
+                partial(_sums, between),
                 trials=trials,
                 play=play.changed(passive=policy != "active"),
                 fixation=check_fixation(play.fixation, grid.L),
@@ -285,10 +286,16 @@ def decision_interval_sentence(curves: xr.Dataset) -> str:
     ).lstrip()
 
 
-def _sums(grid: ClassGrid, trials: Trials, plan: TrialPlan) -> dict[str, NDArray[np.float64]]:
-    """Sums of `MEANS` over trials at every threshold, each of shape (H,)."""
+def _between(grid: ClassGrid) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Errors between all objects, shape (M, M), and all positions, shape (L, L)."""
     L, M = np.arange(grid.L), np.arange(grid.M)
-    between = grid.what_error(M[:, np.newaxis], M), grid.where_error(L[:, np.newaxis], L)
+    return grid.what_error(M[:, np.newaxis], M), grid.where_error(L[:, np.newaxis], L)
+
+
+def _sums(
+    between: tuple[NDArray[np.float64], NDArray[np.float64]], trials: Trials, plan: TrialPlan
+) -> dict[str, NDArray[np.float64]]:
+    """Sums of `MEANS` over trials at every threshold, each of shape (H,), with the errors of `_between`."""
     sums = np.zeros((len(MEANS), trials.taps.shape[1]))
     _add(trials, plan.what, between, sums)
     return dict(zip(MEANS, sums, strict=True))

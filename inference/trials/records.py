@@ -261,16 +261,16 @@ def plan_trials(
         raise InputError(f"trials must be at least 1, got {trials}.")
     if not 0 <= first_stream <= seeds.MOST_STREAM - trials:
         raise InputError(f"Streams must be from 0 to {seeds.MOST_STREAM}, got {first_stream} and following.")
-    cells = np.argwhere(pool.count > 0)
+    held = pool.count > 0
     if where is not None:
-        cells = cells[cells[:, 1] == where]
-    if not len(cells):
+        held = held & (np.arange(held.shape[1]) == where)[:, np.newaxis]
+    if not held.any():
         raise InputError(f"Position {where} has no test tap to start from.")
+    made = _starts if trials <= _KEPT else _starts.__wrapped__
+    session, where_class, what_class = (
+        row.copy() for row in made(held.tobytes(), held.shape, trials, seed, first_stream)
+    )
     stream = first_stream + np.arange(trials)
-    kept = trials <= _KEPT
-    word = (_start_words if kept else _start_words.__wrapped__)(seed, first_stream, trials)
-    start = cells[seeds.below(word, np.uint64(len(cells))).astype(np.intp)]
-    session, where_class, what_class = (np.ascontiguousarray(column) for column in start.T)
     return TrialPlan(where_class, what_class, np.full(trials, fixation, dtype=np.intp), stream, session)
 
 
@@ -278,11 +278,11 @@ _KEPT = 5000  # trials at most whose starts are kept, as many as resamples have
 
 
 @lru_cache(maxsize=512)
-def _start_words(seed: int, first_stream: int, trials: int) -> NDArray[np.uint64]:
-    """Random words that select the start of trials; the same for resamples of every model and policy."""
-    word = seeds.words(seed, first_stream + np.arange(trials), seeds.STARTS, 0, 1)[:, 0].copy()
-    word.flags.writeable = False
-    return word
+def _starts(held: bytes, shape: tuple[int, ...], trials: int, seed: int, first_stream: int) -> NDArray[np.intp]:
+    """Session, position and object in which trials start, shape (3, trials); resamples of every model share them."""
+    cells = np.argwhere(np.frombuffer(held, np.bool_).reshape(shape))
+    word = seeds.words(seed, first_stream + np.arange(trials), seeds.STARTS, 0, 1)[:, 0]
+    return np.ascontiguousarray(cells[seeds.below(word, np.uint64(len(cells))).astype(np.intp)].T)
 
 
 def join_plans(plans: Sequence[TrialPlan]) -> TrialPlan:

@@ -31,7 +31,7 @@ from scipy.special import stdtrit
 from ...models.grid import FEW_TAPS, TapPool
 from ...models.settings import PlaySettings
 from ...models.threads import cores, in_order
-from .records import TapTable, TrialPlan, Trials, checked_plan, plan_trials
+from .records import TapTable, TrialPlan, Trials, plan_trials
 from .run import LoopPlayer, empty_trials, make_rule
 from .selections import LEFT_OUT, resampled_pools, session_sizes, thinned_pools, uncaught
 from .skewness import skewed_quantile, skewness_of_mean
@@ -452,7 +452,7 @@ def play_resamples(
     def played_on(pool: TapPool, n: int, stream: int) -> tuple[Trials, TrialPlan]:
         plan = plan_trials(pool, n, seed, fixation, _start(pool, where), stream)
         played = empty_trials(n, len(rule.thresholds))
-        player.on(pool)(checked_plan(plan, pool), 0, n, played)
+        player.on(pool)(plan, 0, n, played)
         return played, plan
 
     def both(pool: TapPool, stream: int) -> tuple[Mapping[str, Floats], ...]:

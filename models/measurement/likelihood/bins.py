@@ -130,7 +130,7 @@ def count_bins(bins: NDArray[np.integer], B: int) -> Iterator[tuple[slice, Spars
 
     def cells_of(part: NDArray[np.integer]) -> NDArray[np.int64]:
         part = part.reshape(len(part), J * K)
-        cells = part.astype(np.int64, copy=False) + first
+        cells = np.add(part, first, dtype=np.int64)
         return cells if part.dtype.kind == "u" else np.where(part < 0, -1, cells)
 
     yield from _counted(bins, cells_of, K * B)
