@@ -168,7 +168,7 @@ def _errors_by_place(data: xr.Dataset, place: str, colour: str) -> Figure:
 
 def plot_by_place(axes: Axes, data: xr.Dataset, name: str, colour: str) -> Axes:
     """Draws one quantity against place, a line per threshold, the highest in this colour with its interval."""
-    data = data.sortby(["place", "theta"])
+    data = data[[name, f"{name}_low", f"{name}_high"]].sortby(["place", "theta"])
     place = data["place"].values
     size = 3 if len(place) <= 20 else 1.5
     for i, shade in enumerate(shades(data.sizes["theta"], colour)):

@@ -2,11 +2,15 @@
 
 import re
 from base64 import b64encode
+from io import BytesIO
 from itertools import zip_longest
 from xml.etree import ElementTree as ET
 
+import matplotlib as mpl
 import numpy as np
 import pytest
+from matplotlib.backends.backend_svg import FigureCanvasSVG
+from solidtouch.analysis.page.figure_canvas import Canvas
 from solidtouch.analysis.page.figure_sizes import new_figure
 from solidtouch.analysis.page.figure_style import drawing_of, styled
 from solidtouch.analysis.page.figure_svg import shortened
@@ -93,6 +97,21 @@ def test_every_shape_keeps_its_place_and_style():
     assert len(before) > 300
     for (kind, numbers, style), shape in zip_longest(before, after):
         assert shape == (kind, pytest.approx(numbers, abs=0.0051), style)
+
+
+def test_remembered_texts_look_as_matplotlib_draws_them():
+    """In another size of type, too, and in formulas."""
+    drawing_of(figure())  # whose texts are remembered
+    ours, theirs = BytesIO(), BytesIO()
+    with mpl.rc_context({"font.size": 13, "svg.hashsalt": "solidtouch"}):
+        made = figure()
+        made.suptitle("again: $x^2$, ff fi, ü\nand **Wörter**", fontsize=13, parse_math=True)
+        made.draw_without_rendering()
+        made.set_layout_engine(None)
+        made.dpi = 72
+        FigureCanvasSVG(made).print_svg(theirs, metadata={"Date": None})
+        Canvas(made, 72, {"Date": None}).print_svg(ours)
+    assert ours.getvalue() == theirs.getvalue()
 
 
 def test_ids_stay_that_are_asked_for_or_referred_to():
