@@ -6,7 +6,7 @@ its colour around its points. So what a page says is what the figure shows, and 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 from weakref import WeakKeyDictionary
 
@@ -145,31 +145,35 @@ def _points(figure: Figure, axes: Axes, line: Line2D) -> Iterator[CurvePoint]:
     chosen = slice(None) if told.at is None else told.at
     xs, ys = (np.asarray(values, dtype=np.float64)[chosen] for values in line.get_data())
     low, high = (np.asarray(end, dtype=np.float64) for end in (told.low, told.high))
+    around = [*_intervals(axes, line)]
     if not low.size:
-        low, high = _interval(axes, line, xs, ys)
-    left, right = _interval(axes, line, ys, xs, flipped=True)
+        low, high = _interval(around, xs, ys)
+    left, right = _interval(around, ys, xs, flipped=True)
+    words = _words(axes.xaxis), _words(axes.yaxis)
     shown, inside = (axes.transData + to.inverted() for to in (figure.transFigure, axes.transAxes))
     known = np.flatnonzero(np.isfinite(xs) & np.isfinite(ys))
     known = known[:: -(-len(known) // _MOST_POINTS) or 1]
     points = np.column_stack([xs[known], ys[known]])
     seen = np.all(np.abs(inside.transform(points) - 0.5) <= _INSIDE, axis=1)
     for i, (x, y) in zip(known[seen].tolist(), shown.transform(points[seen]).tolist(), strict=True):
-        text = told.x[i] if told.x else _text(axes, "x", xs[i], left[i], right[i])
+        text = told.x[i] if told.x else _text(words[0], xs[i], left[i], right[i])
         name = told.names[i] if told.names else ""
-        value = told.y[i] if told.y else _text(axes, "y", ys[i], low[i], high[i])
+        value = told.y[i] if told.y else _text(words[1], ys[i], low[i], high[i])
         yield round(x, 4), round(1 - y, 4), text, value, name
 
 
 def _interval(
-    axes: Axes, line: Line2D, along: _Numbers, values: _Numbers, *, flipped: bool = False
+    around: Sequence[LineCollection | PolyCollection], along: _Numbers, values: _Numbers, *, flipped: bool = False
 ) -> tuple[_Numbers, _Numbers]:
-    """Ends of the narrowest interval that is drawn around each value in the line's colour; NaN without one."""
-    ends = np.full((2, len(values)), np.nan)
-    for at, low, high in (one for artist in _intervals(axes, line) for one in _spans(artist, flipped)):
-        inside = (np.abs(along - at) <= 1e-9 * abs(at)) & (low <= values) & (values <= high)
-        closer = inside & ~(ends[1] - ends[0] <= high - low)
-        ends[:, closer] = [[low], [high]]
-    return ends[0], ends[1]
+    """Ends of the narrowest interval around each value; NaN without one."""
+    spans = [span for artist in around for span in _spans(artist, flipped)]
+    if not spans:
+        return np.full(len(values), np.nan), np.full(len(values), np.nan)
+    at, low, high = np.transpose(spans)[:, :, None]
+    inside = (np.abs(along - at) <= 1e-9 * np.abs(at)) & (low <= values) & (values <= high)
+    narrowest = np.argmin(np.where(inside, high - low, np.inf), axis=0)
+    known = inside.any(axis=0)
+    return np.where(known, low[narrowest, 0], np.nan), np.where(known, high[narrowest, 0], np.nan)
 
 
 def _intervals(axes: Axes, line: Line2D) -> Iterator[LineCollection | PolyCollection]:
@@ -212,25 +216,27 @@ def _marked(axes: Axes, line: Line2D, name: str) -> list[str]:
     return parts
 
 
-def _text(axes: Axes, which: str, value: Any, low: Any, high: Any) -> str:
-    """A coordinate with its interval, or the label at the axis that stands for it."""
-    axis = axes.xaxis if which == "x" else axes.yaxis
-    word = _word(axis, value)
-    if word:
-        return word
+def _text(words: Mapping[float, str], value: Any, low: Any, high: Any) -> str:
+    """A coordinate with its interval, or the label at its axis that stands for it."""
+    if value in words:
+        return words[value]
     if not low < high:
         return number(value, _DIGITS)
     text, *ends = rounded(value, low, high)
     return f"{text} [{', '.join(ends)}]"
 
 
-def _word(axis: Axis, value: float) -> str:
-    """What stands at an axis for a number, unless it is a number itself."""
+def _words(axis: Axis) -> dict[float, str]:
+    """What stands at an axis for numbers, but for numbers themselves."""
     from matplotlib.ticker import FixedLocator  # noqa: PLC0415
 
     places = axis.get_majorticklocs().tolist() if isinstance(axis.get_major_locator(), FixedLocator) else []
-    word = axis.get_major_formatter()(value, places.index(value)) if value in places else ""
-    return "" if word.replace("\N{MINUS SIGN}", "-").replace(".", "").lstrip("-").isdigit() else word
+    words = {place: axis.get_major_formatter()(place, i) for i, place in enumerate(places)}
+    return {place: word for place, word in words.items() if not _is_number(word)}
+
+
+def _is_number(word: str) -> bool:
+    return not word or word.replace("\N{MINUS SIGN}", "-").replace(".", "").lstrip("-").isdigit()
 
 
 def _axis_label(axes: Axes, which: str) -> str:
