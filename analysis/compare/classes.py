@@ -259,37 +259,40 @@ def _samples(table: TapTable, sequences: _Sequences, drawn: Sequence[_Sequences 
     single = sequences.taps.shape[1] == 1
     if single:
         place[sequences.taps[:, 0]] = np.arange(len(sequences.taps))
-    first = _summary(every, sequences)
+    first = _summary(every, sequences, _alike(every.top))
 
     def layers(some: _Sequences | None) -> list[NDArray[np.float64]]:
         if some is None:
             return [_UNKNOWN] * 3
         scores = every.part(place[some.taps[:, 0]]) if single else _scores(table, some)
-        whole = _summary(scores, some)
-        return [whole, *(whole if single else _summary(*_every_second(scores, some, i)) for i in range(2))]
+        alike = _alike(scores.top)
+        whole = _summary(scores, some, alike)
+        if single:
+            return [whole] * 3
+        halves = slice(0, None, 2), slice(1, None, 2)
+        return [whole, *(_summary(scores.part(half), some.part(half), alike[:, half]) for half in halves)]
 
     found = in_order((partial(layers, some) for some in drawn), cores(None))
     return np.concatenate([first[np.newaxis], *np.array(list(found)).swapaxes(0, 1)])
 
 
-def _every_second(scores: _Scores, sequences: _Sequences, start: int) -> tuple[_Scores, _Sequences]:
-    piece = slice(start, None, 2)
-    return scores.part(piece), sequences.part(piece)
-
-
-def _summary(scores: _Scores, sequences: _Sequences) -> NDArray[np.float64]:
-    """`MEANS` and `CALIBRATIONS` of sequences, shape (11,)."""
+def _summary(scores: _Scores, sequences: _Sequences, alike: NDArray[np.intp]) -> NDArray[np.float64]:
+    """`MEANS` and `CALIBRATIONS` of sequences, shape (11,), whose beliefs are `_alike`."""
     weight = sequences.weight / sequences.weight.sum()
     columns = [weight @ scores.values]
-    for top, hit in zip(scores.top.T, scores.hit.T, strict=True):
-        gap = np.bincount(_bins(top, weight), weight * (hit - top), CALIBRATION_BINS)
+    for group, top, hit in zip(alike, scores.top.T, scores.hit.T, strict=True):
+        gap = np.bincount(_bins(group, weight), weight * (hit - top), CALIBRATION_BINS)
         columns.append(np.abs(gap).sum(keepdims=True))
     return np.concatenate(columns)
 
 
-def _bins(belief: NDArray[np.float64], weight: NDArray[np.float64]) -> NDArray[np.intp]:
-    """The calibration bin of each belief: bins weigh about the same, and beliefs equal but for rounding share one."""
-    _, group = np.unique(belief.round(_DIGITS), return_inverse=True)
-    mass = np.bincount(group, weight)
-    middle = (np.cumsum(mass) - mass / 2) / mass.sum()
-    return np.minimum((middle * CALIBRATION_BINS).astype(np.intp), CALIBRATION_BINS - 1)[group]
+def _alike(beliefs: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Rank of each belief (n, q) among all, by increasing size, the same where they are equal but for rounding."""
+    return np.array([np.unique(belief, return_inverse=True)[1] for belief in beliefs.round(_DIGITS).T])
+
+
+def _bins(alike: NDArray[np.intp], weight: NDArray[np.float64]) -> NDArray[np.intp]:
+    """The calibration bin of each belief by its rank: bins weigh about the same, and equal beliefs share one."""
+    mass = np.bincount(alike, weight)
+    middle = (np.cumsum(mass) - mass / 2) / mass[mass > 0].sum()
+    return np.minimum((middle * CALIBRATION_BINS).astype(np.intp), CALIBRATION_BINS - 1)[alike]

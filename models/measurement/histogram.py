@@ -320,7 +320,8 @@ class HistogramPosterior(NamedTuple):
         alpha = self.concentration
         log_gamma = np.log(generator.standard_gamma(alpha + 1)) - generator.standard_exponential(alpha.shape) / alpha
         log_gamma -= log_gamma.max(axis=-1, keepdims=True)
-        return {"log_prob": log_gamma - np.log(np.exp(log_gamma).sum(axis=-1, keepdims=True))}
+        log_gamma -= np.log(np.exp(log_gamma).sum(axis=-1, keepdims=True))
+        return {"log_prob": log_gamma}
 
     def convergence(self) -> Convergence:
         """Convergence: always exact."""

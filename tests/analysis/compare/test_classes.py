@@ -10,6 +10,7 @@ from solidtouch.analysis.compare.classes import (
     CALIBRATION_BINS,
     CALIBRATIONS,
     MEANS,
+    _alike,
     _bins,
     _by_class,
     _draw,
@@ -308,11 +309,11 @@ def test_the_interval_of_a_calibration_error_reaches_down_to_none():
 
 def test_equal_beliefs_share_a_calibration_bin():
     """Otherwise the order of the file would decide."""
-    bins = _bins(np.array([1.0, 0.2, 1.0, 0.4, 1.0, 1.0]), np.ones(6))
+    bins = _bins(*_alike(np.array([[1.0, 0.2, 1.0, 0.4, 1.0, 1.0]]).T), np.ones(6))
 
     assert len(set(bins[[0, 2, 4, 5]])) == 1
     assert bins[1] < bins[3] < bins[0]
-    assert _bins(np.full(7, 0.5), np.ones(7)).tolist() == [CALIBRATION_BINS // 2] * 7
+    assert _bins(*_alike(np.full((7, 1), 0.5)), np.ones(7)).tolist() == [CALIBRATION_BINS // 2] * 7
 
 
 @pytest.mark.parametrize(
@@ -383,7 +384,8 @@ def test_beliefs_that_differ_by_rounding_share_a_bin():
     belief, weight = np.random.default_rng(0).choice([0.2, 1.0], size=500), np.ones(500)
     rounded = belief + np.random.default_rng(1).choice([-(2.0**-53), 0.0, 2.0**-52], size=500)
 
-    np.testing.assert_array_equal(_bins(rounded, weight), _bins(belief, weight))
+    alike = _alike(np.stack([rounded, belief], axis=1))
+    np.testing.assert_array_equal(_bins(alike[0], weight), _bins(alike[1], weight))
 
 
 def test_steps_are_differences_to_the_next_smaller_model(rng):
