@@ -153,15 +153,18 @@ def right_sets(model: TapModel, sets: Sequence[TapSet], generator: np.random.Gen
     """
     if not isinstance(model, HistogramModel):
         return [drawn_set(model, taps, generator) for taps in sets]
-    made = [np.empty(one.samples.shape, one.samples.dtype) for one in sets]
-    part = np.repeat(np.arange(len(sets)), [len(one) for one in sets])
-    group = np.concatenate([np.stack(one.indices(model.grid)) for one in sets], axis=1)
+    known = [one.taps if one.scanned is None else one.samples for one in sets]
+    made = [np.empty(samples.shape, samples.dtype) for samples in known]
+    where, what = (np.concatenate(columns) for columns in zip(*(one.indices(model.grid) for one in sets), strict=True))
+    ends = np.cumsum([len(one) for one in sets])[:-1]
+    group = where * model.grid.M + what
     if len(model.states.gain) > 1:
-        group = np.stack([*group, part, np.concatenate([one.session for one in sets])])
-    number = np.split(np.unique(group, axis=1, return_inverse=True)[1], np.flatnonzero(np.diff(part)) + 1)
+        part, session = np.repeat(np.arange(len(sets)), [len(one) for one in sets]), [one.session for one in sets]
+        group = np.unique(np.stack([group, part, np.concatenate(session)]), axis=1, return_inverse=True)[1]
+    number = np.split(np.unique(group, return_inverse=True)[1], ends)
     for own in range(max(each.max() for each in number) + 1):
         members = [np.flatnonzero(each == own) for each in number]
-        own_taps = [np.asarray(one.samples[rows]) for one, rows in zip(sets, members, strict=True)]
+        own_taps = [np.asarray(samples[rows]) for samples, rows in zip(known, members, strict=True)]
         shuffled = generator.permuted(np.concatenate(own_taps), axis=0)
         ends = np.cumsum([len(rows) for rows in members])
         for taps, rows, chosen in zip(made, members, np.split(shuffled, ends[:-1]), strict=True):

@@ -118,6 +118,21 @@ def _move(belief: Floats, delta: int, border: int, M: int, total: float, sums: F
 
 
 @compiled
+def _by_class(plan: TrialPlan, first: int, last: int, L: int, M: int) -> Integers:
+    """Rows of a plan, those of an object and, in it, of a start together."""
+    begin, rows = np.zeros(L * M + 1, np.int64), np.empty(last - first, np.int64)
+    for i in range(first, last):
+        begin[plan.what[i] * L + plan.where[i] + 1] += 1
+    for c in range(L * M):
+        begin[c + 1] += begin[c]
+    for i in range(first, last):
+        c = plan.what[i] * L + plan.where[i]
+        rows[begin[c]] = i
+        begin[c] += 1
+    return rows
+
+
+@compiled
 def play(
     table: Likelihoods,
     pool: TapPool,
@@ -162,7 +177,9 @@ def play(
     moving = rule.theta_x < 1
     best_where = best_what = stood = 0
     top = 0.0
-    for i in range(first, last):
+    rows = _by_class(plan, first, last, L, M)  # so the taps of a class stay in the cache
+    for number in range(len(rows)):
+        i = int(rows[number])
         for m in range(hypotheses):
             for l in range(L):
                 belief[m, l] = start[m, l]
