@@ -6,7 +6,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 import numpy as np
@@ -23,14 +23,15 @@ from ..models.settings import Missing
 from ..models.taps import RIG_UNIT, TapSet
 from .journal import Journal, NoJournal
 from .replay import ReplayRig
-from .rig.open_rig import connected, unconnected
-from .rig.rig import Rig
-from .rig.settings import RigFile, load_rig
 from .sensor import TouchSensor, check_step
 from .simulator.physics import taxel_positions_mm
 from .simulator.rig import SimulatedRig
 from .simulator.session import sensor_seed
 from .simulator.settings import RigSettings, preset
+
+if TYPE_CHECKING:
+    from .rig.rig import Rig
+    from .rig.settings import RigFile
 
 
 class LabelledRig:
@@ -43,7 +44,7 @@ class LabelledRig:
         what: Index of the object in the recording; None if unknown, and then taps are not labelled.
     """
 
-    def __init__(self, rig: Rig) -> None:
+    def __init__(self, rig: "Rig") -> None:
         self.what: int | None = None
         self._rig = rig
         self._trial = 0
@@ -308,8 +309,10 @@ def _replayed(
     return PlaceableRig(f"taps of {Path(path).name}", place, taps.taxel_mm, taps.units)
 
 
-def _checked(rig: str, grid: ClassGrid, wish: Wish) -> RigFile:
+def _checked(rig: str, grid: ClassGrid, wish: Wish) -> "RigFile":
     """Settings of a real rig that can be placed as requested."""
+    from .rig.settings import load_rig  # noqa: PLC0415 - other rigs do without devices
+
     settings = load_rig(rig)
     check_step(settings.range.cell_mm, grid, settings.name)
     if grid.where_place is not None:
@@ -328,8 +331,10 @@ def _checked(rig: str, grid: ClassGrid, wish: Wish) -> RigFile:
 
 @contextmanager
 def _real(
-    settings: RigFile, grid: ClassGrid, wish: Wish, home: bool, journal: Journal | None
+    settings: "RigFile", grid: ClassGrid, wish: Wish, home: bool, journal: Journal | None
 ) -> Iterator[PlaceableRig]:
+    from .rig.open_rig import connected, unconnected  # noqa: PLC0415
+
     table = objects(grid, wish.what)
     journal = journal or NoJournal()
     with unconnected(settings, journal) as sensor:
@@ -350,7 +355,7 @@ def _real(
             yield PlaceableRig(settings.name, place, settings.sensor.positions_mm or None, RIG_UNIT)
 
 
-def _object(sensor: Rig, grid: ClassGrid, wish: Wish, episode: int) -> str | None:
+def _object(sensor: "Rig", grid: ClassGrid, wish: Wish, episode: int) -> str | None:
     """Name of the object of an episode: one of the emulator, or that of `--object`.
 
     Raises:

@@ -247,7 +247,6 @@ def _log_probability(tables: TouchTables, where: Any, hypothesis: Any, tap: Arra
 
 
 def tap_sequence(
-    log_trained: jax.Array,
     exponent: jax.Array,
     prior: SplitPrior,
     taps: CountedTaps | WeighedTaps,
@@ -259,10 +258,9 @@ def tap_sequence(
     """A sequence of T taps with a move before each but the first; Eq. 1, 3, 4 and 9.
 
     For enumeration with `numpyro.contrib.funsor`. The gradient of its log evidence with respect to `probe[t]` is the
-    posterior of (session, where_t, what_t).
+    posterior of (session, where_t, what_t). Untrained classes are left to the prior and the kernels.
 
     Args:
-        log_trained: 0 for a trained class, nearly impossible for an untrained one, shape (L, M).
         exponent: Power of the likelihood.
         prior: Prior before the first tap.
         taps: Observed taps.
@@ -286,7 +284,5 @@ def tap_sequence(
                 known = (where, what_before, what)
             where = numpyro.sample(f"where_{t}", dist.CategoricalLogits(logits=Vindex(log_where_kernel[t])[known]))
         numpyro.factor(f"probe_{t}", Vindex(probe[t])[session, where, what])
-        with numpyro.handlers.mask(mask=used[t]):
-            numpyro.factor(f"trained_{t}", Vindex(log_trained)[where, what])
-            with numpyro.handlers.scale(scale=exponent):
-                taps.observe(t, session, where, what)
+        with numpyro.handlers.mask(mask=used[t]), numpyro.handlers.scale(scale=exponent):
+            taps.observe(t, session, where, what)

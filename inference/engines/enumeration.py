@@ -290,7 +290,6 @@ def enumerate_sequence(
     where_kernels, what_kernels = _kernels(model, [0, *(int(delta) for delta in deltas)], border)
     with jax.enable_x64(True):
         arguments = (
-            np.zeros((L, M)),  # untrained classes are left to the prior and the kernels; doing more underflows
             np.float64(model.exponent),
             _split_prior(model.log_prior.reshape(L, H // M, M)),
             _sequence_taps(model, taps, log_likelihood),
@@ -350,7 +349,7 @@ def _sequence(arguments: tuple, prefixes: jax.Array) -> tuple[jax.Array, jax.Arr
     from numpyro.contrib.funsor.infer_util import log_density as enumerated_log_density  # noqa: PLC0415
 
     model = enum(config_enumerate(tap_sequence), first_available_dim=-1)
-    T, log_what = len(prefixes), arguments[2].log_what
+    T, log_what = len(prefixes), arguments[1].log_what
 
     def log_evidence(probe: jax.Array, used: jax.Array) -> jax.Array:
         return jnp.asarray(enumerated_log_density(model, (*arguments, used, probe), {}, {})[0])

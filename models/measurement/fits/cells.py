@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 from scipy.special import digamma, gammaln
 
 from .posterior import EXACT_CELLS, Convergence
@@ -94,6 +93,8 @@ def estimated_prior(freedom: NDArray[np.float64], square: NDArray[np.float64]) -
 
 def _most_probable(freedom: NDArray[np.float64], half: NDArray[np.float64]) -> tuple[float, float]:
     """Shape and rate of the most probable prior, from half the degrees of freedom and half the squares of cells."""
+    from scipy.optimize import minimize  # a tenth of the imports, for nothing else
+
     typical = np.log(max(float(np.median(half / freedom)), _LEAST))
     bounds = [(np.log(0.25), np.log(1e3)), (np.log(_LEAST), typical + 7.0)]
     values, counts = np.unique(freedom, return_counts=True)  # few, and functions of them are slow
