@@ -27,12 +27,13 @@ def write_own(file: "h5py.File", tree: "xr.DataTree") -> None:
     n = 0
     for node in tree.subtree:
         group: Any = file.require_group(node.path) if node is tree else file.create_group(node.path, track_order=True)
-        held = node.to_dataset(inherit=node is tree)
-        variables, attributes = conventions.cf_encoder(*conventions.encode_dataset_coordinates(held))
+        held = conventions.encode_dataset_coordinates(node.to_dataset(inherit=node is tree))
+        variables, attributes = conventions.cf_encoder(*held)
+        sizes = dict(size for variable in variables.values() for size in variable.sizes.items())
         _write_attributes(group, attributes)
         known = scales[node.path] = {} if node is tree else dict(scales[node.path.rpartition("/")[0] or "/"])
         items = {name: _written(group, name, variable) for name, variable in variables.items()}
-        for dimension, size in held.sizes.items():
+        for dimension, size in sizes.items():
             if dimension not in items and dimension in known and known[dimension].size == size:
                 continue
             scale = items.get(dimension)
@@ -45,7 +46,7 @@ def write_own(file: "h5py.File", tree: "xr.DataTree") -> None:
             known[dimension] = scale
             n += 1
         for name, variable in variables.items():
-            if name not in held.sizes:
+            if name not in sizes:
                 for axis, dimension in enumerate(variable.dims):
                     items[name].dims[axis].attach_scale(known[dimension])
 
