@@ -144,13 +144,14 @@ def compare_models(
     decide = partial(_decide, fits, shared, grid, settings, clock, each)
 
     def predict() -> tuple[Any, ...]:
-        left_out = _leave_out_taps(fits, train, settings, clock, each)
-        if left_out is not None:
-            draw_ahead(for_all_widths(partial(figures_taps.pareto, left_out)))
+        # First what leaves cores to `decide`, last what uses all of them to its end.
         checks, unchecked = _check_predictions(fits, train, grid, settings, clock, each)
         if checks is not None:
             draw_ahead([partial(figures_taps.predictive_checks, checks)])
-        groups, *others = leave_out_groups(fits, left, clock, crew)  # the last, as it uses all cores to its end
+        left_out = _leave_out_taps(fits, train, settings, clock, each)
+        if left_out is not None:
+            draw_ahead(for_all_widths(partial(figures_taps.pareto, left_out)))
+        groups, *others = leave_out_groups(fits, left, clock, crew)
         if groups is not None:
             draw_ahead(for_all_widths(partial(figures_taps.groups_left_out, groups)))
         return left_out, checks, unchecked, groups, *others
