@@ -1,6 +1,7 @@
 """The command `solidtouch`."""
 
 import errno
+import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -132,6 +133,11 @@ def run() -> None:
     except MemoryError as error:
         _refuse(f"not enough memory ({error}).", 2)
     except OSError as error:
+        if error.errno == errno.ENOSPC and error.filename is None:
+            os.dup2(
+                os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno()
+            )  # what is left of the output cannot fail again
+            _refuse(f"the output cannot be written: {error.strerror}.", 2)
         if error.errno not in _NO_PATH or error.filename is None:
             raise
         _refuse(f"{error.filename}: {error.strerror}.", 2)

@@ -22,6 +22,7 @@ LEVEL_MISTAKES = [mistake for mistake in ALL_MISTAKES if "py" in mistake]
 STRICT = ["-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Werror", "-std=c99", "-ffp-contract=off"]
 NAMES = [
     "shift-direction",
+    "move-ignored",
     "mean-over-taxels",
     "greater-or-equal",
     "marginal-before-update",

@@ -1,8 +1,8 @@
 """Parser and checks of a program's answers to taps."""
 
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -74,6 +74,10 @@ class Answer:
         if self.error is not None:
             return start | {"error": self.error}
         return start | {name: _plain(name, self.values[name]) for name in QUANTITIES if name in self.values}
+
+    def without(self, names: Sequence[str]) -> "Answer":
+        """The same less some quantities."""
+        return replace(self, values={name: value for name, value in self.values.items() if name not in names})
 
 
 def _plain(name: str, value: Any) -> Any:

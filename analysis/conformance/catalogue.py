@@ -36,6 +36,9 @@ class Kit:
         Raises:
             InputError: There is no such case or level.
         """
+        for what, given in (("names", names), ("levels", levels)):
+            if isinstance(given, str):
+                raise InputError(f"{what} must be a list, got the text {given!r}.")
         for name in names:
             if name not in self.cases:
                 raise InputError(f"--case {name}: there is no such case; `solidtouch conformance list` shows all.")

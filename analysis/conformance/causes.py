@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 
+from .answers import OPTIONAL
 from .case import Case
 from .catalogue import expected
 from .comparison import first_difference
@@ -40,7 +41,9 @@ def with_causes(
     """
     wrong = sorted((v for v in verdicts if v.quantity), key=lambda v: _steps(cases[v.case], v))
     passed = [cases[v.case] for v in verdicts if v.status == "pass"]
-    witnesses = _Witnesses([case for case in passed if _size(case, len(case.taps)) <= _CHEAP], precision, without)
+    told_of = {name for v in verdicts for answer in v.answers for name in answer.values}
+    silent = (*without, *(name for name in OPTIONAL if name not in told_of))
+    witnesses = _Witnesses([case for case in passed if _size(case, len(case.taps)) <= _CHEAP], precision, silent)
     causes: dict[str, set[str]] = {}
     counts: Counter[str] = Counter()
     for verdict in wrong:
@@ -74,10 +77,11 @@ class _Witnesses:
     Only those with the same border count, as a program may get one border wrong and no other.
     """
 
-    def __init__(self, cases: Sequence[Case], precision: Precision, without: Sequence[str]) -> None:
+    def __init__(self, cases: Sequence[Case], precision: Precision, silent: Sequence[str]) -> None:
+        """Keeps the cases, and the quantities that the program did not answer."""
         self._cases = cases
         self._precision: Precision = precision
-        self._without = without
+        self._silent = silent
         self._known: dict[tuple[type[Exact], str], bool] = {}
 
     def refute(self, mistake: Mistake, border: str, rules: type[Exact]) -> bool:
@@ -90,7 +94,8 @@ class _Witnesses:
     def _fails(self, rules: type[Exact], case: Case) -> bool:
         right = expected(case)
         allowed = tolerances(case, right, self._precision)
-        return first_difference(case, right, list(rules(case).answers()), allowed, self._without) is not None
+        wrong = [answer.without(self._silent) for answer in rules(case).answers()]
+        return first_difference(case, right, wrong, allowed, self._silent) is not None
 
 
 def _causes(

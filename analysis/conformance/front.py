@@ -1,5 +1,6 @@
 """The conformance kit for Python: the functions of `solidtouch.conformance`."""
 
+import shlex
 from collections.abc import Callable, Iterator, Sequence
 from copy import deepcopy
 from pathlib import Path
@@ -132,7 +133,7 @@ def run_program(
     """
     asked = _asked(precision, without, timeout)
     words = split_command(command) if isinstance(command, str) else list(command)
-    title = f"Conformance of {words[0]}"
+    title = f"Conformance of {shlex.join(words)}"
     return _report(
         title, (kit, names, levels), asked, progress, lambda chosen: check_program(words, chosen, asked, together)
     )

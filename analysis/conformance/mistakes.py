@@ -46,6 +46,11 @@ class _ShiftDirection(Exact):
         return super().shift(belief, -move)
 
 
+class _MoveIgnored(Exact):
+    def shift(self, belief: Matrix, move: int) -> Matrix:  # noqa: ARG002
+        return belief
+
+
 class _MeanOverTaxels(Exact):
     @cached_property
     def exponent(self) -> Number:
@@ -58,9 +63,29 @@ class _NoRoot(Exact):
         return MP.mpf(1)
 
 
+def _reaches(belief: Number, threshold: float) -> bool:
+    return bool(belief + _ROUNDING >= threshold)
+
+
 class _GreaterOrEqual(Exact):
     def exceeds(self, belief: Number, threshold: float) -> bool:
-        return bool(belief + _ROUNDING >= threshold)
+        return _reaches(belief, threshold)
+
+
+class _DecidesWhenEqual(Exact):
+    """Only the decision is wrong."""
+
+    def decide(self, belief: Matrix, what: list[Number], threshold: float) -> int:
+        index = self.what_index(belief, what)
+        return index if _reaches(what[index], threshold) else -1
+
+
+class _MovesWhenEqual(_GreaterOrEqual):
+    """Only the move is wrong."""
+
+    def decide(self, belief: Matrix, what: list[Number], threshold: float) -> int:
+        index = self.what_index(belief, what)
+        return index if Exact.exceeds(self, what[index], threshold) else -1
 
 
 class _BeforeUpdate(Exact):
@@ -245,8 +270,13 @@ def _with_border(border: str) -> type[Exact]:
 
 MISTAKES = (
     Mistake("shift-direction", "the belief is shifted in the wrong direction", (_ShiftDirection,)),
+    Mistake("move-ignored", "the belief stays where it is when the finger moves", (_MoveIgnored,)),
     Mistake("mean-over-taxels", "log-likelihoods are averaged over taxels in place of added", (_MeanOverTaxels,)),
-    Mistake("greater-or-equal", "a belief that equals the threshold decides, >= in place of >", (_GreaterOrEqual,)),
+    Mistake(
+        "greater-or-equal",
+        "a belief that equals the threshold decides, >= in place of >",
+        (_GreaterOrEqual, _DecidesWhenEqual, _MovesWhenEqual),
+    ),
     Mistake("marginal-before-update", "marginals are taken from the belief before the update", (_BeforeUpdate,)),
     Mistake(
         "taxel-range",

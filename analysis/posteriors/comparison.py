@@ -23,6 +23,8 @@ LEVEL = 0.01
 R_HAT, ESS = 1.05, 400.0
 """Largest R-hat and smallest effective sample size of draws that can be judged."""
 
+_SHOWN = 10
+
 
 class MomentDifference(NamedTuple):
     """How far one moment of draws is from that of the reference.
@@ -83,14 +85,15 @@ class DrawsVerdict(NamedTuple):
     def sentences(self) -> list[str]:
         """What was found, in lines."""
         mixed = f"worst R-hat {self.r_hat:.3f}, least effective sample size {self.ess:.0f}"
+        if self.unmixed and self.r_hat > R_HAT:
+            return [f"{self.name}: UNDECIDED; {self.unmixed} has not mixed: {mixed}; R-hat may be {R_HAT} at most."]
         if self.unmixed:
-            return [
-                f"{self.name}: UNDECIDED; {self.unmixed} has not mixed: {mixed} (at most {R_HAT}, at least {ESS:.0f})."
-            ]
+            return [f"{self.name}: UNDECIDED; too few draws, of {self.unmixed}: {mixed}, which must be {ESS:.0f}."]
         over = [one for one in self.differences if abs(one.z) > self.limit]
         head = f"{self.name}: {'DIFFERS' if over else 'pass'}; {len(self.differences)} moments, largest difference "
         head += f"{abs(self.differences[0].z):.1f} standard errors (at most {self.limit:.1f}); {mixed}."
-        return [head, *(f"  {one.sentence}" for one in over[:10])]
+        more = [f"  ... and {len(over) - _SHOWN} more"] if len(over) > _SHOWN else []
+        return [head, *(f"  {one.sentence}" for one in over[:_SHOWN]), *more]
 
 
 def compare_draws(reference: ReferencePosterior, draws: Draws) -> DrawsVerdict:
@@ -101,9 +104,12 @@ def compare_draws(reference: ReferencePosterior, draws: Draws) -> DrawsVerdict:
         draws: Numbers by name, shape (chain, draw); further ones are ignored.
 
     Raises:
-        InputError: A number is missing or not finite, or there are less than four draws.
+        InputError: A number is missing or not finite, there are less than four draws, or two chains are the same.
     """
     scaled = {number: _scaled(number, draws) for number in reference.numbers}
+    chains = np.stack([*scaled.values()], axis=1)
+    if len(np.unique(chains.reshape(len(chains), -1), axis=0)) < len(chains):
+        raise InputError("Two chains have the same draws; each must be run with random numbers of its own.")
     differences = [one for number, values in scaled.items() for one in _differences(number, values)]
     limit = float(norm.isf(LEVEL / (2 * len(differences))))
     mixing = {number.name: _mixing(values) for number, values in scaled.items()}

@@ -122,8 +122,17 @@ def test_chains_apart_are_not_judged(right):
 
 
 def test_few_draws_are_not_judged(right):
-    """Of one chain, which has no R-hat."""
-    assert verdict("gaussian", {name: values[:1] for name, values in right.items()}).status == "undecided"
+    """Of one chain, which has no R-hat; and it is not said that they have not mixed."""
+    found = verdict("gaussian", {name: values[:1, :300] for name, values in right.items()})
+
+    assert found.status == "undecided"
+    assert "too few draws" in found.sentences[0]
+
+
+def test_a_chain_that_is_given_twice_is_refused(right):
+    """Its draws would count as independent."""
+    with pytest.raises(InputError, match="Two chains have the same draws"):
+        verdict("gaussian", {name: values[[0, 1, 0]] for name, values in right.items()})
 
 
 @pytest.mark.filterwarnings("ignore:(overflow|invalid value)")

@@ -142,6 +142,17 @@ def test_output_that_cannot_be_written_is_told_as_python_does():
     assert "No space left on device" in done.stderr
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="the system has no disk that is always full")
+def test_a_full_disk_for_the_output_is_one_sentence():
+    with Path("/dev/full").open("w", encoding="utf-8") as full:
+        words = [sys.executable, "-P", "-m", "solidtouch.cli", "--version"]
+        done = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+
+    assert (done.returncode, done.stderr) == (
+        2, "solidtouch: the output cannot be written: No space left on device.\n",
+    )  # fmt: skip
+
+
 def test_programs_are_removed_when_they_have_become_many(kept):
     more = "process._MOST_BYTES = {}; sys.modules['jax'] = None"
     env = os.environ | {"JAX_COMPILATION_CACHE_DIR": str(kept)}
