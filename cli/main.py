@@ -145,9 +145,11 @@ def run() -> None:
         from ..inference.engines.shadow import EnginesDisagree
         from ..inference.reference import ZeroEvidenceError
 
-        if not isinstance(error, EnginesDisagree | ZeroEvidenceError):
-            raise
-        _refuse(error, 1 if isinstance(error, EnginesDisagree) else 2)
+        if isinstance(error, EnginesDisagree):
+            _refuse(error, 1)
+        if isinstance(error, ZeroEvidenceError):
+            _refuse(error, 2)
+        raise
     except KeyboardInterrupt as stop:  # outside a command; Typer turns those inside into exit codes
         print(MESSAGE, file=sys.stderr)
         _print_place(stop)

@@ -168,6 +168,7 @@ def test_an_audit_checks_its_samples_before_its_stages(taps, monkeypatch):
 THERE, GONE = __file__, "no.nc"
 READ = "solidtouch.models.splits.taps_of"
 SIMULATED = "solidtouch.analysis.reproduce.report.simulated_split"
+SIMULATED_NEXT = "solidtouch.analysis.reproduce.report.in_order"
 BEFORE = {
     "a model without taps": (READ, lambda: st.compare(THERE, models=["histogram", "no.py:f"]), "no.py: no such file."),
     "a model to fit": (
@@ -192,8 +193,8 @@ BEFORE = {
     ),
     "sessions in words": (READ, lambda: st.compare(THERE, division=st.Division(train="one")), "--train"),
     "a model of simulated taps": (SIMULATED, lambda: st.reproduce(model="no.py:f"), "no.py: no such file."),
-    "a fixation point": (SIMULATED, lambda: st.reproduce(play=st.PlaySettings(fixation=99)), "index from 0 to 15"),
-    "a cell": (SIMULATED, lambda: st.reproduce(division=st.Division(where_cell="x")), "--where-cell"),
+    "a fixation point": (SIMULATED_NEXT, lambda: st.reproduce(play=st.PlaySettings(fixation=99)), "index from 0 to 15"),
+    "a cell": (SIMULATED_NEXT, lambda: st.reproduce(division=st.Division(where_cell="x")), "--where-cell"),
 }
 
 

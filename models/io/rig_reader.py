@@ -76,9 +76,10 @@ class RecordingReader(McapFile):
         parts = []
         if self.lost_bytes:
             parts.append(f"the last {self.lost_bytes} bytes are damaged")
-        if self.damaged:
-            which = "message before is" if self.damaged == 1 else "messages before are"
-            parts.append(f"{self.damaged} {which} damaged")
+        damaged = self.damaged + self.misplaced
+        if damaged:
+            which = "message before is" if damaged == 1 else "messages before are"
+            parts.append(f"{damaged} {which} damaged")
         return " and ".join(parts)
 
 

@@ -176,6 +176,22 @@ def test_a_flipped_bit_never_changes_a_tap(recorded, request, data):
     assert len(read.taps) == len(taps) or read.lost
 
 
+@pytest.mark.parametrize("bit", range(8))
+def test_a_message_that_became_another_record_is_missed(killed, bit):
+    """The last one of a recording whose writer was killed; its opcode is changed."""
+    path, taps = killed
+    whole = bytearray(path.read_bytes())
+    *_, (_, end), (last, _) = _entries_with_ends(path)
+    assert (last.topic, whole[end]) == ("/tap", 5)
+    whole[end] ^= 1 << bit
+    spoiled = path.with_name("opcode.mcap")
+    spoiled.write_bytes(whole)
+    read = read_rig(spoiled)
+
+    assert len(read.taps) == len(taps) - 1
+    assert read.lost
+
+
 def test_a_message_of_no_channel_is_damaged(killed):
     """The last tap of a recording whose writer was killed, as nothing comes after it that would miss it."""
     path, taps = killed
