@@ -58,6 +58,9 @@ class ReferencePosterior(NamedTuple):
     numbers: tuple[Number, ...]
     diagnostics: Mapping[str, float] | None
 
+    def __repr__(self) -> str:
+        return f"<ReferencePosterior {self.name}: {len(self.numbers)} numbers, {self.method}>"
+
     @property
     def data(self) -> dict[str, Any]:  # noqa: D102 - an attribute
         given: dict[str, Any] = json.loads(_text(f"{self.name}.data.json"))

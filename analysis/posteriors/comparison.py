@@ -74,6 +74,9 @@ class DrawsVerdict(NamedTuple):
     ess: float
     unmixed: str
 
+    def __repr__(self) -> str:
+        return "\n".join(self.sentences)
+
     @property
     def status(self) -> str:
         """`pass`, `differs`, or `undecided` where the chains have not mixed."""

@@ -111,7 +111,10 @@ def _chains(path: Path) -> Iterator[Draws]:
             raise InputError(f"{path} is larger than {_MOST_BYTES >> 20} MiB, the most that a file with draws may be.")
         text = data.decode()
     except (OSError, EOFError, UnicodeDecodeError, zlib.error) as error:
-        raise InputError(f"{path} cannot be read as {form}: {error}.") from error
+        found = (
+            f"cannot read: {error.strerror}" if isinstance(error, OSError) and error.strerror else f"no {form}: {error}"
+        )
+        raise InputError(f"{path}: {found}.") from error
     yield from _of_json(path, text) if form == "JSON" else _of_csv(path, text)
 
 
@@ -136,14 +139,13 @@ def _of_csv(path: Path, text: str) -> Iterator[Draws]:
     names = [_name(text) for text in rows[0]]
     if twice := {name for name in names if names.count(name) > 1}:
         raise InputError(f"{path} has {min(twice)} twice.")
+    for number, row in enumerate(rows[1:], 1):
+        if len(row) != len(names):
+            raise InputError(f"{path}: draw {number} has {len(row)} instead of {len(names)} numbers.")
     try:
         table = np.array(rows[1:], dtype=np.float64)
     except ValueError as error:
-        raise InputError(
-            f"{path} has a line with another number of columns than {len(names)}, or no number."
-        ) from error
-    if table.shape[1:] != (len(names),):
-        raise InputError(f"{path} has {table.shape[1]} columns of numbers and {len(names)} names.")
+        raise InputError(f"{path}: {error}.") from error
     column = next((rows[0].index(name) for name in _CHAIN if name in rows[0]), None)
     if column is None:
         yield dict(zip(names, table.T, strict=True))

@@ -19,6 +19,7 @@ PROJECT = {
     "CONTRIBUTING.md": "contributing.md",
     "SECURITY.md": "security.md",
     "CODE_OF_CONDUCT.md": "code-of-conduct.md",
+    "analysis/conformance/dataset/RULES.md": "reference/conformance/rules.md",
 }
 """Staged paths of pages beside the README, which are in no section."""
 _NAMES = {"README.md": "index.md", CONTENTS: "contents.md"} | PROJECT

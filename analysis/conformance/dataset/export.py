@@ -25,6 +25,7 @@ _CONVENTIONS = {"format": FORMAT, "index_base": 0, "numbers": "IEEE 754 binary64
 _LARGE = 200_000  # bytes of a case above which it comes as NPZ too
 STATIC = {
     "README.md": "What the files are",
+    "RULES.md": "What a program reads and writes, and the rules of its answers",
     "CHANGELOG.md": "What each version of the kit changed",
     "LICENSE": "CC0 1.0 Universal",
     "case.schema.json": "JSON Schema of NAME.json",

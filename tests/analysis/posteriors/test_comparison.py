@@ -212,9 +212,9 @@ def test_a_netcdf_file_of_arviz_is_read(right, tmp_path):
     [
         ("", "has no draws"),
         ("a,b\n", "has no draws"),
-        ("a,b\n1\n", "1 columns of numbers and 2 names"),
-        ("a,b\n1,2\n1\n", "another number of columns"),
-        ("a\nx\n", "no number"),
+        ("a,b\n1\n", "draw 1 has 1 instead of 2 numbers"),
+        ("a,b\n1,2\n1\n", "draw 2 has 1 instead of 2 numbers"),
+        ("a\nx\n", "could not convert string to float: 'x'"),
         ("a[1],a.1\n1,2\n", "has a.1 twice"),
     ],
 )
@@ -243,7 +243,7 @@ def test_files_that_are_not_text_are_refused(tmp_path):
     (tmp_path / "other.csv.gz").write_bytes(data[:12] + b"\xff" + data[13:])
 
     for name in ("draws.csv.gz", "other.csv.gz", "none.csv"):
-        with pytest.raises(InputError, match=f"{name} cannot be read"):
+        with pytest.raises(InputError, match=f"{name}: (cannot read|no CSV)"):
             read_draws([tmp_path / name])
 
 

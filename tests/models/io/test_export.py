@@ -55,7 +55,7 @@ def test_a_histogram_comes_back_bit_for_bit(tmp_path, make_taps, value_range, po
 
 def test_the_keys_are_those_of_a_conformance_case(make_model):
     """All of its header's, of the three that exclude each other the one that is there."""
-    text = Path(__file__).parents[3].joinpath("docs/reference/conformance/README.md").read_text(encoding="utf-8")
+    text = Path(__file__).parents[3].joinpath("analysis/conformance/dataset/RULES.md").read_text(encoding="utf-8")
     table = text.split("The first line is the header of the case:")[1].split("Exactly one of")[0]
     rows = [line.split("|")[1] for line in table.splitlines() if line.startswith("| `")]
     keys = {key for row in rows for key in re.findall(r"`(\w+)`", row)}
