@@ -66,6 +66,13 @@ def test_cases_are_chosen_by_level_and_by_name():
     assert len(chosen) == len(set(chosen)) == SIZES["episodes"] + 1
 
 
+def test_a_text_is_no_list_of_cases_or_levels():
+    with pytest.raises(st.InputError, match="levels must be a list, got the text 'core'"):
+        st.conformance.cases(levels="core")
+    with pytest.raises(st.InputError, match="names must be a list, got the text 'root-j'"):
+        st.conformance.run(st.conformance.expected, "root-j")
+
+
 def test_a_check_asks_for_the_levels_of_the_first_kit():
     """Others change what a header holds, so a program is asked for them by name; engines are asked for all."""
     asked = st.conformance.run(lambda case: st.conformance.expected(case.name)).found

@@ -11,6 +11,7 @@ from solidtouch.analysis.conformance.answers import QUANTITIES, Answer
 from solidtouch.analysis.conformance.case import to_line
 from solidtouch.analysis.conformance.catalogue import catalogue, expected
 from solidtouch.analysis.conformance.causes import with_causes
+from solidtouch.analysis.conformance.mistakes import MISTAKES
 from solidtouch.analysis.conformance.program import Ended
 from solidtouch.analysis.conformance.run import Asked, check_answers, check_program
 from solidtouch.analysis.conformance.verdict import described, judge, judge_output, summary
@@ -298,3 +299,25 @@ def test_arrays_may_be_written_as_matlab_writes_them(name):
         lines.append(to_line(line | {"tap": float(answer.tap), "move": float(line["move"])}))
 
     assert judge_output(case, wrote("\n".join(lines)), "double").status == "pass"
+
+
+def named(mistake, form, names, silent=()):
+    """Causes of the cases that differ where a program makes a form of a mistake and leaves some quantities out."""
+    rules = next(known for known in MISTAKES if known.name == mistake).rules[form]
+    cases = {name: catalogue()[name] for name in names}
+    judged = [
+        judge(case, [answer.without(silent) for answer in rules(case).answers()], "double") for case in cases.values()
+    ]
+    return [verdict.cause for verdict in with_causes(judged, cases, "double") if verdict.status != "pass"]
+
+
+def test_what_a_program_does_not_answer_refutes_no_cause():
+    """A passing case would fail by its `log_posterior` alone."""
+    assert named("log10", 0, ["root-j", "one-bin"], ["log_posterior"]) == ["log10"]
+
+
+@pytest.mark.parametrize("form", range(3))
+def test_a_threshold_that_is_reached_by_decision_or_move_alone_is_named(form):
+    found = named("greater-or-equal", form, ["prior-certain", "move-never", "thresholds"])
+
+    assert set(found) == {"greater-or-equal"}
