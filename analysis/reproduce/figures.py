@@ -35,7 +35,7 @@ from .record import ANSWERS
 from .results import Request, Results
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -53,6 +53,19 @@ _SERIES: dict[str, dict[str, Any]] = {
 }
 
 
+class _Asked:
+    """Draws with arguments that are computed when it draws, or is sent to the process that does."""
+
+    def __init__(self, draw: Callable[..., Figure], arguments: Callable[[], tuple[Any, ...]]) -> None:
+        self._draw, self._arguments = draw, arguments
+
+    def __call__(self) -> Figure:
+        return self._draw(*self._arguments())
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return partial, (self._draw, *self._arguments())
+
+
 def pictures(request: Request, results: Results) -> Iterator[Picture]:
     """Every figure that the data allow."""
     yield _pressure(request, results)
@@ -61,7 +74,7 @@ def pictures(request: Request, results: Results) -> Iterator[Picture]:
         "Beliefs in single sequences",
         "Belief in each class against the number of taps in a clear (A) and an ambiguous (B) passive sequence; grey: "
         "all other classes.",
-        partial(beliefs, *results.cases, results.grid),
+        _Asked(beliefs, lambda: (*results.cases, results.grid)),
     )
     yield from _active_pictures(request, results)
     yield _acuity(results)
@@ -116,14 +129,12 @@ def _active_pictures(request: Request, results: Results) -> Iterator[Picture]:
         partial(errors_by_fixation, results.by_fixation),
         curves=True,
     )
-    if results.paths is None:
-        return
     yield Picture(
         "fig6",
         "Trajectories",
         f"Position against taps in {TRAJECTORIES} passive (A) and active (B) trials at threshold "
         f"{theta:g}; the fixation point is {results.grid.where_label(results.fixation)}.",
-        partial(trajectories, *results.paths, results.grid, results.fixation),
+        _Asked(trajectories, lambda: (*(results.paths or ()), results.grid, results.fixation)),
         curves=True,
     )
 

@@ -4,8 +4,9 @@ import math
 from collections.abc import Iterable
 from concurrent.futures import Future
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, partial
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -86,6 +87,7 @@ class Results:
     fixation: int
     clock: StageClock
     begun: Future[CrossCheck] | None = None
+    _one_thread: Lock = field(default_factory=Lock, init=False, repr=False, compare=False)
 
     @cached_property
     def check(self) -> CrossCheck:
@@ -105,8 +107,13 @@ class Results:
         """Example trajectories; `None` where nothing can be acted on."""
         return self._examples[1]
 
-    @cached_property
+    @property
     def _examples(self) -> tuple[tuple[BeliefCase, BeliefCase], Trajectories | None]:
+        with self._one_thread:  # figures that are drawn ahead ask on a thread of their own
+            return self._followed
+
+    @cached_property
+    def _followed(self) -> tuple[tuple[BeliefCase, BeliefCase], Trajectories | None]:
         settings, first = self.request.settings, self.studies[0]
         with self.clock.stage("Following single episodes", 1):
             engine = make_engine("filter", first.model, settings.play.border)
