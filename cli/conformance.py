@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 from typer import Argument, Option
 
-from ..models.errors import InputError
+from ..models.errors import InputError, counted
 from .shared.interrupt import loading
 from .shared.options import Force
 
@@ -66,8 +66,8 @@ def list_cases(
     sizes = Counter(one.level for one in chosen)
     for name, about in LEVELS.items():
         if sizes[name]:
-            console.print(f"{name}: {sizes[name]} cases; {about}.", highlight=False)
-    console.print(f"{len(chosen)} cases of kit {of.version}.", highlight=False)
+            console.print(f"{name}: {counted(sizes[name], 'case')}; {about}.", highlight=False)
+    console.print(f"{counted(len(chosen), 'case')} of kit {of.version}.", highlight=False)
 
 
 @app.command("export")
@@ -137,6 +137,9 @@ def check(
             metavar="QUANTITY", help="Quantity that the program does not compute, such as log_evidence; repeatable."
         ),
     ] = None,
+    causes: Annotated[
+        bool, Option("--causes/--no-causes", help="Look for likely causes, which takes longer the more cases differ.")
+    ] = True,
     timeout: Annotated[float, Option(min=0.1, help="Time limit per case in seconds.")] = 10.0,
     together: Annotated[bool, Option("--together", help="Start the program once for all cases.")] = False,
     report_as: Annotated[
@@ -165,7 +168,13 @@ def check(
         if report_as is None:
             raise InputError("--report-file needs --report json or --report junit.")
         check_writable(report_file, force=True)
-    how: dict[str, Any] = {"levels": level or (), "kit": kit, "precision": precision, "without": without or ()}
+    how: dict[str, Any] = {
+        "levels": level or (),
+        "kit": kit,
+        "precision": precision,
+        "without": without or (),
+        "causes": causes,
+    }
     with bars() as progress:
         if answers is not None:
             report = run_files(answers, case or (), **how, progress=progress)

@@ -49,7 +49,7 @@ def check_writable(path: str | Path, force: bool = False) -> Path:
     if path.exists() and not path.is_file():
         raise InputError(f"{path}: not a regular file, so not overwritten.")
     if path.exists() and not force:
-        raise InputError(f"{path}: already exists; use --force to overwrite it.")
+        raise InputError(f"{path}: already exists; use --force to overwrite it (in Python: force=True).")
     folder = path.parent
     if not folder.is_dir():
         raise InputError(f"{path}: cannot write: no folder {folder}.")
@@ -303,7 +303,7 @@ def check_folder(path: str | Path, force: bool = False) -> Path:
     if not os.access(there, os.W_OK | os.X_OK) or not _holds_folders(there):
         raise InputError(f"{path}: cannot create the folder: {there} is not writable.")
     if path.is_dir() and any(path.iterdir()) and not force:
-        raise InputError(f"{path}: already exists; use --force to overwrite the files in it.")
+        raise InputError(f"{path}: already exists; use --force to overwrite the files in it (in Python: force=True).")
     return path
 
 

@@ -103,14 +103,14 @@ def parse_answer(line: str, case: Case) -> Answer:
     try:
         fields = json.loads(line, parse_constant=_refuse)
     except _NoNumberError as error:
-        raise BadAnswerError(f"is no JSON, which has no {error}; minus infinity is null: {_shown(line)}") from None
+        raise BadAnswerError(f"is not JSON, which has no {error}; minus infinity is null: {_shown(line)}") from None
     except json.JSONDecodeError as error:
         place = f" from character {error.pos + 1} on" if error.pos else ""
-        raise BadAnswerError(f"is no JSON{place}: {_shown(line[error.pos :])}") from None
+        raise BadAnswerError(f"is not JSON{place}: {_shown(line[error.pos :])}") from None
     except (ValueError, RecursionError):  # also a number of thousands of digits, and lists within lists
-        raise BadAnswerError(f"is no JSON: {_shown(line)}") from None
+        raise BadAnswerError(f"is not JSON: {_shown(line)}") from None
     if not isinstance(fields, dict):
-        raise BadAnswerError(f"is no JSON object: {_shown(line)}")
+        raise BadAnswerError(f"is not a JSON object: {_shown(line)}")
     return _answer(fields, case, line)
 
 
@@ -121,7 +121,7 @@ def given_answer(fields: object, case: Case, tap: int) -> Answer:
         BadAnswerError: It is none.
     """
     if not isinstance(fields, Mapping):
-        raise BadAnswerError(f"is no mapping: {_shown(fields)}")
+        raise BadAnswerError(f"is not a mapping: {_shown(fields)}")
     names = ("case", "tap", "error", *QUANTITIES)
     given = {name: _python(name, fields[name]) for name in names if name in fields}
     return _answer({"case": case.name, "tap": tap, **given}, case, fields)
@@ -174,7 +174,7 @@ def _refuse(constant: str) -> Any:
 def _whole(name: str, value: Any) -> int:
     number = isinstance(value, int | float) and not isinstance(value, bool)
     if not number or not abs(value) < _MOST or value != int(value):
-        raise BadAnswerError(f"has {name} {_shown(value)}, which is no whole number")
+        raise BadAnswerError(f"has {name} {_shown(value)}, which is not a whole number")
     return int(value)
 
 

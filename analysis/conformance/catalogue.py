@@ -41,10 +41,10 @@ class Kit:
                 raise InputError(f"{what} must be a list, got the text {given!r}.")
         for name in names:
             if name not in self.cases:
-                raise InputError(f"--case {name}: there is no such case; `solidtouch conformance list` shows all.")
+                raise InputError(f"case {name}: there is no such case; `solidtouch conformance list` shows all.")
         for level in levels:
             if level not in LEVELS:
-                raise InputError(f"--level {level}: it must be one of {', '.join(LEVELS)}.")
+                raise InputError(f"level {level}: it must be one of {', '.join(LEVELS)}.")
         if not names and not levels:
             return list(self.cases.values())
         named = [self.cases[name] for name in dict.fromkeys(names)]

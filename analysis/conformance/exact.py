@@ -7,7 +7,7 @@ is another, see `mistakes`.
 
 from bisect import bisect_right
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -24,11 +24,20 @@ _SAME = MP.mpf(10) ** -50  # beliefs that differ by less, in proportion, are equ
 type Bins = tuple[tuple[int | None, ...], ...]
 
 
-@lru_cache(maxsize=256)
+@lru_cache(maxsize=1024)
 def _likelihoods(case: Case, steps: tuple[Any, ...]) -> dict[int, Matrix]:  # noqa: ARG001 - they are the key
     """Log-likelihoods of a case by tap, as far as known, those of its pool by negative numbers.
 
     Most mistakes share those of the equations.
+    """
+    return {}
+
+
+@lru_cache(maxsize=512)
+def _log_products(case: Case, steps: tuple[Any, ...]) -> dict[Bins, Matrix]:  # noqa: ARG001 - they are the key
+    """Log products of a case by the bins of a tap, as far as known.
+
+    They take the most time, and mistakes in bins, the exponent or the order of samples share them.
     """
     return {}
 
@@ -57,9 +66,11 @@ class Exact:
         "scale",
         "exponent",
         "log_likelihood",
-        "log_product",
+        "log_products",
     )
     """The steps that lead to the log-likelihoods of a tap."""
+    PRODUCT = ("log_probability", "probability", "normal_probability", "bounds", "scale")
+    """The steps that lead from its bins to their log products; in a case with training taps also all of the above."""
 
     def __init__(self, case: Case, taps: int | None = None) -> None:
         self.case = case
@@ -71,7 +82,13 @@ class Exact:
         # Belief, and what a tap would tell after each move from it.
         self._gains: tuple[Matrix, list[Number]] | None = None
         self._of_bins = lru_cache(maxsize=None)(self.of_bins)
-        self._likelihoods = _likelihoods(case, tuple(getattr(type(self), step) for step in self.LIKELIHOOD))
+        self._likelihoods = _likelihoods(case, self._steps(self.LIKELIHOOD))
+        self._log_products = _log_products(
+            case, self._steps(self.PRODUCT if case.training is None else self.LIKELIHOOD)
+        )
+
+    def _steps(self, names: Sequence[str]) -> tuple[Any, ...]:
+        return tuple(getattr(type(self), name) for name in names)
 
     def answers(self) -> Iterator[Answer]:
         """One answer after the other; it ends with a tap that is impossible."""
@@ -183,11 +200,17 @@ class Exact:
 
     def of_bins(self, bins: Bins) -> Matrix:
         """Log-likelihoods of all classes; no bin is no factor. Taps of a long episode may all be of a few kinds."""
-        times = Counter((k, b) for sample in bins for k, b in enumerate(sample) if b is not None)
-        return [[self.exponent * self.log_product(l, m, times) for m in range(self.M)] for l in range(self.L)]
+        return [[self.exponent * value for value in row] for row in self.log_products(bins)]
 
-    def log_product(self, l: int, m: int, times: Counter[tuple[int, int]]) -> Number:
-        """Log of the product over samples and taxels under one class, with how often each bin occurs."""
+    def log_products(self, bins: Bins) -> Matrix:
+        """Logs of the products over samples and taxels of all classes."""
+        if bins not in self._log_products:
+            times = Counter((k, b) for sample in bins for k, b in enumerate(sample) if b is not None)
+            cells = [[(l, m) for m in range(self.M)] for l in range(self.L)]
+            self._log_products[bins] = [[self._log_product(*cell, times) for cell in row] for row in cells]
+        return self._log_products[bins]
+
+    def _log_product(self, l: int, m: int, times: Counter[tuple[int, int]]) -> Number:
         return MP.fdot((n, self._log_probability(l, m, k, b)) for (k, b), n in times.items())
 
     def step(self, belief: Matrix, move: int, log_likelihood: Matrix) -> tuple[Matrix, Matrix, Number]:

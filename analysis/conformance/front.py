@@ -8,6 +8,7 @@ from typing import Any
 
 from ...models.errors import InputError
 from ...models.progress import Progress, no_progress
+from ...models.storage import check_folder
 from ..page.stages import counted
 from .answers import FIT, QUANTITIES
 from .case import BASIC, LEVELS, Case
@@ -60,6 +61,7 @@ def run(
     kit: str | Path | None = None,
     precision: Precision = "double",
     without: Sequence[str] = (),
+    causes: bool = True,
     progress: Progress = no_progress,
 ) -> ConformanceReport:
     """Checks an implementation in Python against the exact answers.
@@ -87,13 +89,14 @@ def run(
         kit: Folder of an exported kit, whose cases and answers count; default the kit of this version.
         precision: Precision of its numbers; `"single"` has wider tolerances.
         without: Quantities that it does not answer, such as `"log_evidence"`.
+        causes: Whether to look for likely causes, which takes longer the more cases differ.
         progress: Called with the name and size of every stage; returns the function that advances it.
 
     Raises:
         InputError: There is no such case, level or quantity.
     """
     title = f"Conformance of {getattr(implementation, '__name__', type(implementation).__name__)}"
-    asked = _asked(precision, without)
+    asked = _asked(precision, without, causes)
     return _report(
         title, (kit, names, levels), asked, progress, lambda chosen: check_function(implementation, chosen, asked)
     )
@@ -107,6 +110,7 @@ def run_program(
     kit: str | Path | None = None,
     precision: Precision = "double",
     without: Sequence[str] = (),
+    causes: bool = True,
     timeout: float = 10.0,
     together: bool = False,
     progress: Progress = no_progress,
@@ -124,6 +128,7 @@ def run_program(
         kit: As in `run`.
         precision: As in `run`.
         without: As in `run`.
+        causes: As in `run`.
         timeout: Seconds that it has for a case.
         together: Whether to start it once, with all cases one by one.
         progress: As in `run`.
@@ -131,7 +136,7 @@ def run_program(
     Raises:
         InputError: There is no such program, case, level or quantity.
     """
-    asked = _asked(precision, without, timeout)
+    asked = _asked(precision, without, causes, timeout)
     words = split_command(command) if isinstance(command, str) else list(command)
     title = f"Conformance of {shlex.join(words)}"
     return _report(
@@ -147,6 +152,7 @@ def run_files(
     kit: str | Path | None = None,
     precision: Precision = "double",
     without: Sequence[str] = (),
+    causes: bool = True,
     progress: Progress = no_progress,
 ) -> ConformanceReport:
     r"""Checks the answers of a program in files, `NAME.jsonl` for each case.
@@ -169,14 +175,15 @@ def run_files(
         kit: As in `run`.
         precision: As in `run`.
         without: As in `run`.
+        causes: As in `run`.
         progress: As in `run`.
 
     Raises:
         InputError: There is no such folder, case, level or quantity.
     """
     if not Path(folder).is_dir():
-        raise InputError(f"--answers {folder}: not a folder.")
-    asked = _asked(precision, without)
+        raise InputError(f"answers {folder}: not a folder.")
+    asked = _asked(precision, without, causes)
     title = f"Conformance of answers in {folder}"
     return _report(
         title, (kit, names, levels), asked, progress, lambda chosen: check_answers(Path(folder), chosen, asked)
@@ -208,7 +215,7 @@ def run_engine(
         InputError: There is no such engine, case or level.
     """
     if engine not in ROUTES:
-        raise InputError(f"--engine {engine}: it must be one of {', '.join(ROUTES)}.")
+        raise InputError(f"engine {engine}: it must be one of {', '.join(ROUTES)}.")
     title = f"Conformance of engine {engine}"
     wanted = kit, names, levels or (() if names else tuple(LEVELS))
     return _report(title, wanted, Asked(), progress, lambda chosen: run_route(engine, chosen))
@@ -249,6 +256,7 @@ def export(
     """
     kit = own_kit()
     chosen = kit.select(names, levels)
+    check_folder(folder, force)
     return export_kit(folder, kit, chosen, precision, force, progress("Computing answers", len(chosen)))
 
 
@@ -262,25 +270,25 @@ def open_kit(folder: str | Path | None, precision: Precision | None = None) -> K
         return own_kit()
     kit = read_kit(folder)
     if precision is not None and kit.precision != precision:
-        raise InputError(f"--kit {folder}: its tolerances are for --precision {kit.precision}, not {precision}.")
+        raise InputError(f"kit {folder}: its tolerances are for precision {kit.precision}, not {precision}.")
     return kit
 
 
-def _asked(precision: Precision, without: Sequence[str], timeout: float = 10.0) -> Asked:
+def _asked(precision: Precision, without: Sequence[str], causes: bool, timeout: float = 10.0) -> Asked:
     """What is asked of an implementation.
 
     Raises:
         InputError: There is no such precision or quantity, or the timeout is not positive.
     """
     if precision not in ("double", "single"):
-        raise InputError(f"--precision {precision}: it must be one of double, single.")
+        raise InputError(f"precision {precision}: it must be one of double, single.")
     if not timeout > 0:
-        raise InputError(f"--timeout must be positive, got {timeout:g}.")
+        raise InputError(f"timeout must be positive, got {timeout:g}.")
     known = [name for name in QUANTITIES if name not in FIT]
     for name in without:
         if name not in known:
-            raise InputError(f"--without must be one of {', '.join(known)}, got {name!r}.")
-    return Asked(precision, tuple(without), timeout)
+            raise InputError(f"without must be one of {', '.join(known)}, got {name!r}.")
+    return Asked(precision, tuple(without), timeout, causes)
 
 
 def _report(
@@ -290,18 +298,18 @@ def _report(
     progress: Progress,
     work: Callable[[list[Case]], Iterator[Verdict]],
 ) -> ConformanceReport:
-    """The verdicts with their causes, which are likelier the more cases they explain."""
+    """The verdicts, with their causes if wanted, which are likelier the more cases they explain."""
     folder, names, levels = wanted
     kit = open_kit(folder, asked.precision)
     asked_levels = levels or (() if names else BASIC)
     chosen = kit.select(names, asked_levels)
     if not chosen:
         held = ", ".join(dict.fromkeys(case.level for case in kit.cases.values())) or "none"
-        raise InputError(f"--kit {folder}: no case of --level {', '.join(asked_levels)}; its levels are {held}.")
+        raise InputError(f"kit {folder}: no case of level {', '.join(asked_levels)}; its levels are {held}.")
     advance = progress("Cases", len(chosen))
     verdicts = list(counted(work(chosen), advance))
     wrong = sum(verdict.quantity != "" for verdict in verdicts)
-    if wrong:
+    if wrong and asked.causes:
         verdicts = with_causes(
             verdicts, kit.cases, asked.precision, asked.without, progress("Looking for causes", wrong)
         )

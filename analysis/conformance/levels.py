@@ -79,7 +79,8 @@ def _with_left_out(result: LevelResult) -> str:
 def _shortfall(result: LevelResult) -> str:
     """Why a level does not pass."""
     compared = result.cases - result.not_asked - result.left_out
-    wrong = [f"{n} of {compared} {word}" for n, word in ((result.differs, "differ"), (result.failed, "failed")) if n]
+    differ = "differs" if result.differs == 1 else "differ"
+    wrong = [f"{n} of {compared} {word}" for n, word in ((result.differs, differ), (result.failed, "failed")) if n]
     if result.not_asked:
         wrong.append(f"{result.not_asked} of {result.cases} not asked")
     return ", ".join(wrong) or "left out"

@@ -1,7 +1,6 @@
 """Common mistakes, each as the exact equations with one wrong step, and the search for one that explains an answer."""
 
 from bisect import bisect_left
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import cached_property
@@ -14,7 +13,7 @@ from .answers import LOGS, QUANTITIES, Answer
 from .arithmetic import MP, Matrix, Number
 from .case import Case
 from .comparison import Difference, first_difference
-from .exact import Exact
+from .exact import Bins, Exact
 from .level_mistakes import FORMS
 from .tolerance import Tolerance
 
@@ -152,9 +151,8 @@ class _LinearBelief(Exact):
 
 
 class _LinearProduct(Exact):
-    def log_product(self, l: int, m: int, times: Counter[tuple[int, int]]) -> Number:
-        log_product = super().log_product(l, m, times)
-        return log_product if float(MP.exp(log_product)) > 0 else MP.ninf
+    def log_products(self, bins: Bins) -> Matrix:
+        return [[x if float(MP.exp(x)) > 0 else MP.ninf for x in row] for row in super().log_products(bins)]
 
 
 class _MoveSign(Exact):

@@ -59,9 +59,9 @@ def split_command(command: str) -> list[str]:
     try:
         words = shlex.split(command)
     except ValueError as error:
-        raise InputError(f"--command {command!r} cannot be read: {error}.") from error
+        raise InputError(f"command {command!r} cannot be read: {error}.") from error
     if not words:
-        raise InputError("--command needs the name of a program.")
+        raise InputError("command is empty; it must name a program.")
     return words
 
 
@@ -74,7 +74,7 @@ def check_command(words: Sequence[str]) -> None:
     if shutil.which(words[0]) is None:
         there = "/" in words[0] and Path(words[0]).exists()
         reason = "Permission denied" if there else "No such file or directory"
-        raise InputError(f"--command: {words[0]} cannot be run: {reason}.")
+        raise InputError(f"command: {words[0]} cannot be run: {reason}.")
 
 
 def run_program(words: Sequence[str], lines: Iterable[str], timeout: float) -> Ended:
@@ -132,7 +132,7 @@ def _start(words: Sequence[str], lines: Iterable[str]) -> subprocess.Popen[bytes
                 words, stdin=given, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True
             )
         except OSError as error:
-            raise InputError(f"--command: {words[0]} cannot be run: {error.strerror}.") from error
+            raise InputError(f"command: {words[0]} cannot be run: {error.strerror}.") from error
 
 
 class _Stream:

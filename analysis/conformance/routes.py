@@ -116,7 +116,7 @@ def _route(name: str, model: TapModel, case: Case) -> Route:
         return Route(make_engine("filter", model, case.border), model.log_likelihood)
     sums = np.ones(1) if case.probabilities is None else case.probabilities[model.trained].sum(axis=-1)
     if not np.allclose(sums, 1.0, rtol=0, atol=1e-12):
-        raise InputError("Tables that do not sum to one are no probabilities, so the NumPyro models cannot take them.")
+        raise InputError("Tables that do not sum to one are not probabilities, so the NumPyro models cannot take them.")
     return Route(make_engine("numpyro", model, case.border), _enumerated(model))
 
 

@@ -34,11 +34,13 @@ class Asked(NamedTuple):
         precision: Of its numbers.
         without: Quantities that it does not answer.
         timeout: Seconds that it has for a case.
+        causes: Whether likely causes are looked for.
     """
 
     precision: Precision = "double"
     without: tuple[str, ...] = ()
     timeout: float = 10.0
+    causes: bool = True
 
 
 def run_route(route: str, cases: Sequence[Case]) -> Iterator[Verdict]:

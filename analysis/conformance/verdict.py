@@ -5,6 +5,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
+from ...models.errors import counted
 from .answers import Answer, BadAnswerError, parse_answer
 from .case import Case
 from .catalogue import expected
@@ -100,7 +101,7 @@ def judge_broken(
     verdict = judge(case, answers, precision, without)
     if not (failure or broken):
         return verdict
-    good = f" after {_count(len(answers), 'answer')}" if answers else ""
+    good = f" after {counted(len(answers), 'answer')}" if answers else ""
     also = f"; before that, {_place(verdict.tap)}{verdict.sentence}" if verdict.quantity and answers else ""
     no_number = not failure and "nan" in broken.lower()
     cause = "linear-likelihood" if no_number and _all_underflow(case, len(answers) + 1) else ""
@@ -165,16 +166,13 @@ def summary(verdicts: Sequence[Verdict]) -> tuple[list[str], bool]:
     for cause, times in Counter(verdict.cause for verdict in verdicts if verdict.cause).most_common():
         lines.append(f"Likely cause in {times} of {counts['differs'] + counts['failed']}: {_ABOUT[cause]} ({cause}).")
     fine = asked > 0 and counts["pass"] == asked
-    rest = [f"{counts[status]} {word}" for status, word in _WORDS.items() if counts[status]]
-    lines.append(", ".join([f"{counts['pass']} of {asked} cases pass", *rest]) + ".")
+    rest = [f"{n} {status if n == 1 else word}" for status, word in _WORDS.items() if (n := counts[status])]
+    pass_ = "passes" if asked == 1 else "pass"
+    lines.append(", ".join([f"{counts['pass']} of {counted(asked, 'case')} {pass_}", *rest]) + ".")
     return lines, fine
 
 
 _WORDS: dict[Status, str] = {"differs": "differ", "failed": "failed", "left out": "left out"}
-
-
-def _count(n: int, word: str) -> str:
-    return f"{n} {word}" if n == 1 else f"{n} {word}s"
 
 
 def _place(tap: int | None) -> str:

@@ -46,7 +46,7 @@ def test_an_engine_that_cannot_do_a_case_leaves_it_out():
 
     assert code == 0
     assert "shift-prior left out: The NumPyro models do not support border 'prior', which renormalises" in text
-    assert "1 of 1 cases pass, 1 left out. Conformance kit" in text
+    assert "1 of 1 case passes, 1 left out. Conformance kit" in text
 
 
 def test_exported_cases_can_be_answered_from_files(tmp_path):
@@ -71,7 +71,7 @@ def test_a_program_that_prints_rubbish_is_told_so():
     code, text, _ = call("check", "--command", shlex.join([sys.executable, "-c", "print(1)"]), "--case", "root-j")
 
     assert code == 1
-    assert "root-j FAILED it writes a line 1 that is no JSON object: '1' 0 of 1 cases pass, 1 failed." in text
+    assert "root-j FAILED it writes a line 1 that is not a JSON object: '1' 0 of 1 case passes, 1 failed." in text
 
 
 @pytest.mark.parametrize(("name", "code"), [("TERM", 143), ("INT", 130)])
@@ -133,14 +133,14 @@ def test_a_report_replaces_the_text_or_is_a_file(tmp_path):
     [
         (("check",), "Give either --command PROGRAM or --answers DIR."),
         (("check", "--command", "x", "--answers", "y"), "Give either --command PROGRAM or --answers DIR."),
-        (("check", "--command", ""), "--command needs the name of a program."),
-        (("check", "--command", "a 'b"), '--command "a \'b" cannot be read: No closing quotation.'),
-        (("check", "--command", "/no/such"), "--command: /no/such cannot be run: No such file or directory."),
-        (("check", "--answers", "/no/such"), "--answers /no/such: not a folder."),
-        (("check", "--command", "x", "--without", "belief"), "--without must be one of log_likelihood,"),
-        (("check", "--command", "x", "--case", "y"), "--case y: there is no such case"),
-        (("run", "--case", "y"), "--case y: there is no such case"),
-        (("list", "--level", "y"), "--level y: it must be one of core, episodes, borders, limits, cont"),
+        (("check", "--command", ""), "command is empty; it must name a program."),
+        (("check", "--command", "a 'b"), 'command "a \'b" cannot be read: No closing quotation.'),
+        (("check", "--command", "/no/such"), "command: /no/such cannot be run: No such file or directory."),
+        (("check", "--answers", "/no/such"), "answers /no/such: not a folder."),
+        (("check", "--command", "x", "--without", "belief"), "without must be one of log_likelihood,"),
+        (("check", "--command", "x", "--case", "y"), "case y: there is no such case"),
+        (("run", "--case", "y"), "case y: there is no such case"),
+        (("list", "--level", "y"), "level y: it must be one of core, episodes, borders, limits, cont"),
         (("check", "--command", "true", "--report-file", "x"), "--report-file needs --report json or --report junit."),
         (("check", "--command", "true", "--report", "json", "--report-file", "/no/such"), "no folder /no."),
     ],

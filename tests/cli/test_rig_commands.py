@@ -284,7 +284,7 @@ def test_what_is_perceived_is_recorded(bench, model, command):
 
     read = len(bench.places)
     again = command(*base)
-    assert (again.code, "p.mcap: already exists; use --force to overwrite it." in again.err) == (2, True)
+    assert (again.code, "p.mcap: already exists; use --force to overwrite it" in again.err) == (2, True)
     assert len(bench.places) == read
     assert command(*base, "--deadline", 1, "--force").code == 0
     assert len(read_rig("p.mcap").taps) == 1

@@ -41,13 +41,13 @@ def check_sums(folder: Path) -> list[str]:
         _check_regular(path)
         lines = path.read_text(encoding="ascii").splitlines()
     except FileNotFoundError:
-        raise InputError(f"--kit {folder}: incomplete: {SUMS} is missing.") from None
+        raise InputError(f"kit {folder}: incomplete: {SUMS} is missing.") from None
     except (OSError, UnicodeDecodeError):
-        raise InputError(f"--kit {folder}: damaged: {SUMS} cannot be read.") from None
+        raise InputError(f"kit {folder}: damaged: {SUMS} cannot be read.") from None
     names = []
     for number, line in enumerate(lines, 1):
         if (parts := _LINE.fullmatch(line)) is None:
-            raise InputError(f"--kit {folder}: damaged: line {number} of {SUMS} is no checksum and name.")
+            raise InputError(f"kit {folder}: damaged: line {number} of {SUMS} is not a checksum and a name.")
         names.append(parts[2])
         _check(folder, *parts.groups())
     return names
@@ -57,8 +57,8 @@ def _check(folder: Path, right: str, name: str) -> None:
     try:
         found = sha256(folder / name)
     except FileNotFoundError:
-        raise InputError(f"--kit {folder}: incomplete: {name} is missing, which {SUMS} lists.") from None
+        raise InputError(f"kit {folder}: incomplete: {name} is missing, which {SUMS} lists.") from None
     except OSError as error:
-        raise InputError(f"--kit {folder}: {name} cannot be read: {error.strerror}.") from None
+        raise InputError(f"kit {folder}: {name} cannot be read: {error.strerror}.") from None
     if found != right:
-        raise InputError(f"--kit {folder}: damaged: {name} differs from its checksum in {SUMS}.")
+        raise InputError(f"kit {folder}: damaged: {name} differs from its checksum in {SUMS}.")

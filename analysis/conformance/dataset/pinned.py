@@ -118,26 +118,26 @@ def read_kit(folder: str | Path) -> Kit:
     """
     folder = check_path(folder)
     if not folder.is_dir():
-        raise InputError(f"--kit {folder}: not a folder.")
+        raise InputError(f"kit {folder}: not a folder.")
     names = set(check_sums(folder))
     index = _decoded(folder, INDEX, names, _Index)
     if not index.kit.isprintable():
-        raise InputError(f"--kit {folder}: {INDEX} is not of format {FORMAT}: kit is no version.")
+        raise InputError(f"kit {folder}: {INDEX} is not of format {FORMAT}: kit is not a version.")
     for entry in index.cases:
         if entry.level not in LEVELS:
             raise InputError(
-                f"--kit {folder}: kit {index.kit} has level {entry.level!r}, which this version of solidtouch does not "
+                f"kit {folder}: kit {index.kit} has level {entry.level!r}, which this version of solidtouch does not "
                 "know; a newer one does."
             )
     held = Counter(entry.level for entry in index.cases)
     if short := [level for level in held if index.levels.get(level, 0) < held[level]]:
-        raise InputError(f"--kit {folder}: {INDEX} is not of format {FORMAT}: levels has too few cases of {short[0]}.")
+        raise InputError(f"kit {folder}: {INDEX} is not of format {FORMAT}: levels has too few cases of {short[0]}.")
     cases: dict[str, Case] = {}
     for entry in index.cases:
         case = _case(folder, f"{entry.case}.json", names)
         if case.name in cases or case.level != entry.level:
             said = "it is listed twice" if case.name in cases else f"its file has level {case.level!r}"
-            raise InputError(f"--kit {folder}: {INDEX} is not of format {FORMAT}: case {case.name}: {said}.")
+            raise InputError(f"kit {folder}: {INDEX} is not of format {FORMAT}: case {case.name}: {said}.")
         cases[case.name] = case
     return Kit(index.kit, cases, index.levels, index.precision)
 
@@ -145,18 +145,18 @@ def read_kit(folder: str | Path) -> Kit:
 def _decoded[T](folder: Path, name: str, names: set[str], kind: type[T]) -> T:
     """What a file holds, once it is known to be of a format that can be read."""
     if name not in names:
-        raise InputError(f"--kit {folder}: incomplete: {name} is not in its checksums.")
+        raise InputError(f"kit {folder}: incomplete: {name} is not in its checksums.")
     content = (folder / name).read_bytes()
     try:
         found = msgspec.json.decode(content, type=_Format).format
         if found > FORMAT:
             raise InputError(
-                f"--kit {folder}: {name} has format {found}, this version of solidtouch reads {FORMAT}; a newer one "
+                f"kit {folder}: {name} has format {found}, this version of solidtouch reads {FORMAT}; a newer one "
                 "reads it."
             )
         return msgspec.json.decode(content, type=kind)
     except (msgspec.MsgspecError, RecursionError) as error:
-        raise InputError(f"--kit {folder}: {name} is not of format {FORMAT}: {error}.") from None
+        raise InputError(f"kit {folder}: {name} is not of format {FORMAT}: {error}.") from None
 
 
 def _case(folder: Path, name: str, names: set[str]) -> Case:
@@ -164,9 +164,9 @@ def _case(folder: Path, name: str, names: set[str]) -> Case:
     try:
         return _pinned(whole, _plain(whole))
     except KeyError as error:
-        raise InputError(f"--kit {folder}: {name} is not of format {FORMAT}: no key {error}.") from None
+        raise InputError(f"kit {folder}: {name} is not of format {FORMAT}: no key {error}.") from None
     except (ValueError, TypeError, OverflowError, msgspec.MsgspecError) as error:  # also bad answers
-        raise InputError(f"--kit {folder}: {name} is not of format {FORMAT}: {error}.") from None
+        raise InputError(f"kit {folder}: {name} is not of format {FORMAT}: {error}.") from None
 
 
 def _plain(whole: _CaseFile) -> Case:

@@ -62,6 +62,7 @@ def report_object(
 def _verdict(verdict: Verdict, case: Case) -> dict[str, Any]:
     """A verdict; what there is not is left out."""
     known = {
+        "about": case.about,
         "tap": verdict.tap,
         "quantity": verdict.quantity,
         "sentence": verdict.sentence,

@@ -50,4 +50,5 @@ def _add(suite: Element, case: Mapping[str, Any]) -> None:
     result = SubElement(test, _ELEMENTS[case["status"]], {"message": f"{tap}{sentence}"})
     if case["status"] != "left out":  # whose message is the reason
         result.set("type", case["status"])
-        result.text = f"{tap}{sentence}{cause}"  # GitLab shows the text and not the message
+        about = f"\nwhat it tests: {case['about']}" if "about" in case else ""
+        result.text = f"{tap}{sentence}{cause}{about}"  # GitLab shows the text and not the message

@@ -377,7 +377,7 @@ static const char *skip_space(const char *text) { return text + strspn(text, " \
 static const char *expect(const char *text, char mark)
 {
     text = skip_space(text);
-    if (*text != mark) fail("this is no JSON object, a '%c' is missing.", mark);
+    if (*text != mark) fail("this is not a JSON object, a '%c' is missing.", mark);
     return skip_space(text + 1);
 }
 
@@ -402,7 +402,7 @@ static const char *skip_value(const char *text, int depth)
         return expect(text, ']');
     }
     const size_t length = strspn(text, "+-.0123456789Eaeflnrstu");
-    if (length == 0) fail("this is no JSON object, a value is missing.");
+    if (length == 0) fail("this is not a JSON object, a value is missing.");
     return skip_space(text + length);
 }
 

@@ -278,7 +278,7 @@ async function main() {
       } catch {
         throw new BadInput('this is not JSON.');
       }
-      if (Object.prototype.toString.call(line) !== '[object Object]') throw new BadInput('this is no JSON object.');
+      if (Object.prototype.toString.call(line) !== '[object Object]') throw new BadInput('this is not a JSON object.');
       if ('tap' in line) {
         if (!perception) throw new BadInput('a tap comes before the header of its case.');
         const answer = perception.perceive(line);

@@ -149,7 +149,7 @@ def test_every_mistake_differs_somewhere_and_explains_itself(mistake):
 
 
 def test_an_unknown_case_is_refused():
-    with pytest.raises(InputError, match=r"--case shift: there is no such case"):
+    with pytest.raises(InputError, match=r"case shift: there is no such case"):
         own_kit().select(["shift"])
 
 

@@ -127,6 +127,7 @@ def test_more_digits_change_no_double(name):
     for digits in (90, 60):
         arithmetic.log.cache_clear()
         exact._likelihoods.cache_clear()
+        exact._log_products.cache_clear()
         with MP.workdps(digits):
             answers.append(list(Exact(catalogue()[name]).answers()))
     for a, b in zip(*answers, strict=True):
@@ -143,9 +144,10 @@ def test_the_root_makes_repeated_samples_count_once():
         np.testing.assert_allclose(a.values["posterior"], b.values["posterior"], rtol=1e-15)
 
 
-def test_log_likelihoods_of_a_mistake_are_its_own():
+@pytest.mark.parametrize("name", ["fit", "bins-on-edges", "normal-ends"])
+def test_log_likelihoods_of_a_mistake_are_its_own(name):
     """Also where the equations, and mistakes behind the likelihood, have had those of the same case before."""
-    case = catalogue()["fit"]
+    case = catalogue()[name]
     for mistake in MISTAKES:
         for rules in mistake.rules:
             shared = [answer.line(case.name) for answer in rules(case).answers()]

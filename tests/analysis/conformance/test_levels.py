@@ -89,7 +89,7 @@ def test_a_program_claims_the_levels_that_it_passes():
     wrong = [Verdict("episode-long", "differs"), Verdict("episode-passive", "failed", "it crashed")]
     assert claim(wrong) == (
         f"Conformance kit {KIT_VERSION}: passes core, borders, limits, continuous, strategies; "
-        f"episodes: 1 of {SIZES['episodes']} differ, 1 of {SIZES['episodes']} failed."
+        f"episodes: 1 of {SIZES['episodes']} differs, 1 of {SIZES['episodes']} failed."
     )
 
 
@@ -97,7 +97,7 @@ def test_a_level_of_which_a_case_was_not_asked_is_not_claimed():
     rest = f"{SIZES['core'] - 2} of {SIZES['core']} not asked."
 
     assert claim(names=["root-j", "ties"]) == f"Conformance kit {KIT_VERSION}: core: {rest}"
-    assert claim([Verdict("ties", "differs")], names=["root-j"]).endswith(f"core: 1 of 2 differ, {rest}")
+    assert claim([Verdict("ties", "differs")], names=["root-j"]).endswith(f"core: 1 of 2 differs, {rest}")
 
 
 def test_a_claim_names_its_conditions():
@@ -154,6 +154,7 @@ def test_a_report_is_json():
     assert ties == {
         "case": "ties",
         "level": "core",
+        "about": catalogue()["ties"].about,
         "status": "differs",
         "tap": 2,
         "quantity": "move",
@@ -182,8 +183,9 @@ def test_a_report_is_junit():
         assert int(root.get(name)) == sum(int(suite.get(name)) for suite in root)
     assert [*tests] == [case for level in LEVELS for case in catalogue() if catalogue()[case].level == level]
     assert tests["ties"].find("failure").get("message") == text
-    assert tests["ties"].find("failure").text == f"{text}\nlikely cause: the move has the wrong sign"
-    assert tests["root-jk"].find("error").text == "it ended with exit code 1"
+    about = {name: f"\nwhat it tests: {case.about}" for name, case in catalogue().items()}
+    assert tests["ties"].find("failure").text == f"{text}\nlikely cause: the move has the wrong sign{about['ties']}"
+    assert tests["root-jk"].find("error").text == f"it ended with exit code 1{about['root-jk']}"
     assert tests["single-edges"].find("skipped").get("message") == "32 bits cannot do it"
     assert tests["root-none"].find("system-out").text == "it left a process running, which was stopped"
     assert len(tests["root-j"]) == 0

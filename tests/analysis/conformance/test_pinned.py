@@ -138,13 +138,13 @@ def test_cases_of_a_folder_are_chosen_and_listed(small):
     assert [case.name for case in st.conformance.cases(levels=["borders"], kit=small)] == ["shift-uniform-holes"]
     (case,) = st.conformance.cases("fit", kit=small)
     np.testing.assert_array_equal(case.training.taps, catalogue()["fit"].training.taps)
-    with pytest.raises(st.InputError, match="--case one-bin: there is no such case"):
+    with pytest.raises(st.InputError, match="case one-bin: there is no such case"):
         st.conformance.cases("one-bin", kit=small)
 
 
 def test_a_folder_without_a_case_of_the_levels_asked_for_names_its_own(small):
     """Also where no level was named and the folder has only others than a check asks for."""
-    with pytest.raises(st.InputError, match="no case of --level limits; its levels are core, borders"):
+    with pytest.raises(st.InputError, match="no case of level limits; its levels are core, borders"):
         st.conformance.run(right, levels=["limits"], kit=small)
 
 
@@ -152,7 +152,7 @@ def test_a_folder_is_for_one_precision(small, tmp_path):
     st.conformance.export(tmp_path / "single", ["root-j"], precision="single")
 
     assert st.conformance.run(right, kit=tmp_path / "single", precision="single").passed
-    with pytest.raises(st.InputError, match="its tolerances are for --precision double, not single"):
+    with pytest.raises(st.InputError, match="its tolerances are for precision double, not single"):
         st.conformance.run(right, kit=small, precision="single")
 
 
@@ -199,11 +199,11 @@ def in_place_of_a_file(folder):
         (lose("SHA256SUMS"), "copy: incomplete: SHA256SUMS is missing."),
         (lose("root-j.json"), "copy: incomplete: root-j.json is missing, which SHA256SUMS lists."),
         (damage("fit.jsonl"), "copy: damaged: fit.jsonl differs from its checksum in SHA256SUMS."),
-        (lambda folder: (folder / "SHA256SUMS").write_text("x\n"), "damaged: line 1 of SHA256SUMS is no checksum"),
+        (lambda folder: (folder / "SHA256SUMS").write_text("x\n"), "damaged: line 1 of SHA256SUMS is not a checksum"),
         (lambda folder: (folder / "SHA256SUMS").write_bytes(b"\xff"), "damaged: SHA256SUMS cannot be read"),
         (
             lambda folder: (folder / "SHA256SUMS").write_text(f"{'0' * 64}  ../x\n"),
-            "damaged: line 1 of SHA256SUMS is no checksum",
+            "damaged: line 1 of SHA256SUMS is not a checksum",
         ),
         (edited("index.json", format=2), "index.json has format 2, this version of solidtouch reads 1; a newer one"),
         (edited("fit.json", format=2), "fit.json has format 2, this version of solidtouch reads 1; a newer one"),
@@ -239,7 +239,7 @@ def in_place_of_a_file(folder):
             "index.json is not of format 1: case root-j: it is listed twice.",
         ),
         (edited("root-j.json", level="borders"), "index.json is not of format 1: case root-j: its file has level"),
-        (edited("index.json", kit="1\x1b[2J"), "index.json is not of format 1: kit is no version."),
+        (edited("index.json", kit="1\x1b[2J"), "index.json is not of format 1: kit is not a version."),
         (edited("root-j.json", about="\x1b[2J"), "root-j.json is not of format 1: about is not what it stands for."),
         (edited("root-j.json", expected=[]), "root-j.json is not of format 1: expected is not what it stands for."),
         (of_first_answer(tap=5), "root-j.json is not of format 1: expected is not what it stands for."),
@@ -257,5 +257,5 @@ def test_a_damaged_incomplete_or_newer_kit_is_refused_in_a_sentence(copy, harm, 
     with pytest.raises(st.InputError) as error:
         st.conformance.run(right, kit=copy)
 
-    assert str(error.value).startswith(f"--kit {copy.parent}")
+    assert str(error.value).startswith(f"kit {copy.parent}")
     assert sentence in str(error.value)

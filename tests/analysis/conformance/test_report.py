@@ -118,12 +118,12 @@ def test_a_mistake_is_found_and_named():
     ("implementation", "sentence"),
     [
         (lambda _: None, "it returns NoneType, where an answer to each tap is due"),
-        (lambda _: [3], "it gives an answer to tap 1 that is no mapping: '3'"),
+        (lambda _: [3], "it gives an answer to tap 1 that is not a mapping: '3'"),
         (changed(posterior=[[np.nan] * 3] * 5), "it gives an answer to tap 2 that has NaN in posterior after 1 answer"),
         (changed(what=np.full(3, np.nan, "f4")), "it gives an answer to tap 2 that has NaN in what after 1 answer"),
         (changed(where=[1, 2]), "it gives an answer to tap 2 that has where of shape [2], [5] is due"),
-        (changed(move="up"), "it gives an answer to tap 2 that has move 'up', which is no whole number"),
-        (changed(move=object), "which is no whole number"),
+        (changed(move="up"), "it gives an answer to tap 2 that has move 'up', which is not a whole number"),
+        (changed(move=object), "which is not a whole number"),
         (changed(tap=4), "it answers tap 4, where tap 2 is due after 1 answer"),
         (changed(case="other"), "it gives an answer to tap 2 that is about case 'other'"),
         (lambda case: [*right(case)][:2], "there is no answer"),
@@ -178,6 +178,15 @@ def test_quantities_may_be_left_out():
     assert st.conformance.run(short, ["root-j"], without=["log_evidence"]).passed
 
 
+def test_causes_are_looked_for_unless_unwanted():
+    def wrong(case):
+        return (answer | {"move": -answer["move"]} for answer in st.conformance.expected(case.name))
+
+    causes = [st.conformance.run(wrong, ["root-j"], causes=wanted).found["root-j"].cause for wanted in (True, False)]
+
+    assert causes == ["move-sign", ""]
+
+
 def test_single_precision_has_wider_tolerances():
     def narrow(case):
         for answer in st.conformance.expected(case.name):
@@ -190,13 +199,13 @@ def test_single_precision_has_wider_tolerances():
 @pytest.mark.parametrize(
     ("call", "sentence"),
     [
-        (lambda: st.conformance.cases("y"), "--case y: there is no such case"),
-        (lambda: st.conformance.run(right, ["y"]), "--case y: there is no such case"),
-        (lambda: st.conformance.run(right, levels=["all"]), "--level all: it must be one of core, episodes, borders"),
-        (lambda: st.conformance.run(right, without=["belief"]), "--without must be one of log_likelihood"),
-        (lambda: st.conformance.run(right, precision="half"), "--precision half: it must be one of double, single"),
-        (lambda: st.conformance.run_engine("gpu"), "--engine gpu: it must be one of numpy, numpyro, montecarlo"),
-        (lambda: st.conformance.run_files("/no/such"), "--answers /no/such: not a folder"),
+        (lambda: st.conformance.cases("y"), "case y: there is no such case"),
+        (lambda: st.conformance.run(right, ["y"]), "case y: there is no such case"),
+        (lambda: st.conformance.run(right, levels=["all"]), "level all: it must be one of core, episodes, borders"),
+        (lambda: st.conformance.run(right, without=["belief"]), "without must be one of log_likelihood"),
+        (lambda: st.conformance.run(right, precision="half"), "precision half: it must be one of double, single"),
+        (lambda: st.conformance.run_engine("gpu"), "engine gpu: it must be one of numpy, numpyro, montecarlo"),
+        (lambda: st.conformance.run_files("/no/such"), "answers /no/such: not a folder"),
     ],
 )
 def test_what_is_not_there_is_refused(call, sentence):

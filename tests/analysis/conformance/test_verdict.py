@@ -128,20 +128,20 @@ LINES = output(CASE).splitlines(keepends=True)
     [
         ("", "there is no answer"),
         ("".join(LINES[:-1]), "there is no answer"),
-        ("hello\n", "writes a line 1 that is no JSON: 'hello'"),
-        ("".join(LINES[:3]) + "[1]\n", "writes a line 4 that is no JSON object: '[1]' after 3 answers"),
+        ("hello\n", "writes a line 1 that is not JSON: 'hello'"),
+        ("".join(LINES[:3]) + "[1]\n", "writes a line 4 that is not a JSON object: '[1]' after 3 answers"),
         ("".join(LINES[:2]) + "".join(LINES[3:]), "answers tap 4 in line 3, where tap 3 is due"),
         (LINES[0] + LINES[0], "answers tap 1 in line 2, where tap 2 is due"),
         (LINES[0].replace("episode-clamp", "other"), "is about case 'other'"),
-        (LINES[0].replace('"tap":1', '"tap":"one"'), "has tap 'one', which is no whole number"),
+        (LINES[0].replace('"tap":1', '"tap":"one"'), "has tap 'one', which is not a whole number"),
         (LINES[0].replace('"tap":1', '"tip":1'), "has no tap number"),
-        (LINES[0].replace('"move":', '"move":0.5,"x":'), "has move '0.5', which is no whole number"),
-        (LINES[0].replace('"move":', '"move":1e999,"x":'), "has move 'inf', which is no whole number"),
+        (LINES[0].replace('"move":', '"move":0.5,"x":'), "has move '0.5', which is not a whole number"),
+        (LINES[0].replace('"move":', '"move":1e999,"x":'), "has move 'inf', which is not a whole number"),
         (LINES[0].replace('"where":[', '"where":[0.1,'), "has where of shape [6], [5] is due"),
         (LINES[0].replace('"where":[', '"where":["a",'), "has where"),
         (LINES[0].replace('"where":[', '"where":[null,'), "has where of shape"),
-        (LINES[0].replace('"log_evidence":', '"log_evidence":NaN,"x":'), "is no JSON"),
-        ("\x00\xff\n", "is no JSON"),
+        (LINES[0].replace('"log_evidence":', '"log_evidence":NaN,"x":'), "is not JSON"),
+        ("\x00\xff\n", "is not JSON"),
         ("".join(LINES) + LINES[-1].replace('"tap":12', '"tap":13'), "there is an answer where none is due"),
     ],
 )
@@ -169,15 +169,15 @@ def test_the_layout_of_lines_does_not_matter(text):
 
 @pytest.mark.parametrize("line", ["[" * 200_000, LINES[0].replace('"move":', f'"x":{"[" * 100_000},"move":')])
 def test_lists_within_lists_without_end_are_no_crash(line):
-    assert "is no JSON" in described(judge_output(CASE, wrote(line), "double"))
+    assert "is not JSON" in described(judge_output(CASE, wrote(line), "double"))
 
 
 def test_what_is_no_number_is_shown():
     line = LINES[0].replace('"log_evidence":', '"log_evidence":NaN,"x":')
 
-    assert "is no JSON, which has no NaN" in described(judge_output(CASE, wrote(line), "double"))
+    assert "is not JSON, which has no NaN" in described(judge_output(CASE, wrote(line), "double"))
     line = line.replace("NaN", "nan")
-    assert "is no JSON from character " in described(judge_output(CASE, wrote(line), "double"))
+    assert "is not JSON from character " in described(judge_output(CASE, wrote(line), "double"))
     assert "on: 'nan," in described(judge_output(CASE, wrote(line), "double"))
 
 
