@@ -198,7 +198,10 @@ def check(
 @app.command("posteriors")
 def posteriors(
     folder: Annotated[
-        Path | None, Argument(metavar="[DIR]", help="Folder to write; default: only list them.", show_default=False)
+        Path | None,
+        Argument(
+            metavar="[DIR]", help="Folder to write all of them into; default: only list them.", show_default=False
+        ),
     ] = None,
     force: Force = False,
 ) -> None:
@@ -221,7 +224,7 @@ def draws(
         list[Path],
         Argument(
             metavar="FILE...",
-            help="CSV of each chain, as Stan writes it, JSON of all, or netCDF of ArviZ.",
+            help="CSV of each chain, as Stan writes it, JSON or netCDF of all, as of ArviZ.",
             show_default=False,
         ),
     ],

@@ -94,10 +94,18 @@ def export(folder: str | Path, force: bool = False) -> int:
         Their number.
 
     Raises:
-        InputError: The folder cannot be written, or exists and `force` is not set.
+        InputError: The folder cannot be written, exists and `force` is not set, or is not there and has the name of a
+            reference posterior.
     """
+    if str(folder) in NAMES and not Path(folder).exists():
+        raise InputError(
+            f"{folder} is the name of a reference posterior; give the name of a folder, into which all of them are "
+            "written."
+        )
     with as_file(_folder()) as source, complete_folder(folder, force) as temporary:
-        found = sorted(path for path in source.iterdir() if path.suffix in {".gz", ".json", ""} and path.is_file())
+        found = sorted(
+            path for path in source.iterdir() if path.suffix in {".gz", ".json", ".md", ""} and path.is_file()
+        )
         for path in found:
             shutil.copyfile(path, temporary / path.name)
     return len(found)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from ...models.errors import InputError
+from ...models.errors import InputError, counted, shortened
 from .catalogue import Number, ReferencePosterior
 from .files import Draws
 from .quantities import on_scale
@@ -23,7 +23,7 @@ LEVEL = 0.01
 R_HAT, ESS = 1.05, 400.0
 """Largest R-hat and smallest effective sample size of draws that can be judged."""
 
-_SHOWN = 10
+_SHOWN, _FEWEST = 10, 4
 
 
 class MomentDifference(NamedTuple):
@@ -135,11 +135,23 @@ def _mixed(r_hat: float, ess: float) -> bool:
 
 def _scaled(number: Number, draws: Draws) -> NDArray[np.float64]:
     if number.name not in draws:
-        raise InputError(f"The draws have no number {number.name}; there are {', '.join([*draws][:8])} ...")
-    values = on_scale(draws[number.name], number.scale)
-    if len(values) < 1 or values.shape[1] < 4 or not np.isfinite(values).all():
-        raise InputError(f"Draws of {number.name} must be finite, positive where compared as log, and at least four.")
-    return values
+        raise InputError(f"The draws have no number {number.name}; there are {shortened([*draws], 8) or 'none'}.")
+    values = draws[number.name]
+    if len(values) < 1 or values.shape[1] < _FEWEST:
+        held = f"{counted(len(values), 'chain')} of {counted(values.shape[1], 'draw')}"
+        raise InputError(f"Draws of {number.name} are too few: {held}; at least one chain of {_FEWEST} draws is due.")
+    _check(number.name, "finite", values, np.isfinite(values))
+    scaled = on_scale(values, number.scale)
+    _check(number.name, "positive, as they are compared as logarithms", values, np.isfinite(scaled))
+    return scaled
+
+
+def _check(name: str, wanted: str, values: NDArray[np.float64], fine: NDArray[np.bool_]) -> None:
+    if not fine.all():
+        chain, draw = np.argwhere(~fine)[0]
+        raise InputError(
+            f"Draws of {name} must be {wanted}; draw {draw + 1} of chain {chain + 1} is {values[chain, draw]:g}."
+        )
 
 
 def _differences(number: Number, values: NDArray[np.float64]) -> list[MomentDifference]:

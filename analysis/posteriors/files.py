@@ -26,17 +26,19 @@ def read_draws(paths: Sequence[str | Path]) -> Draws:
     """Draws of one posterior.
 
     Args:
-        paths: One netCDF file with the group `posterior`; JSON files, each a list of chains, which are objects with
-            the draws of each number; or CSV files, each of one chain unless it has a column `chain`. `.gz` is read as
-            well. Names are `level.1.2` or `level[1,2]`, with an underscore behind the word
-            where a language reserves it; lines that begin with # are left out.
+        paths: One netCDF file with the group `posterior` or, without groups, the parameters; JSON files, each a list
+            of chains, which are objects with the draws of each number; or CSV files, each of one chain unless it has a
+            column `chain`. `.gz` is read as well. Names are `level.1.2` or `level[1,2]`, with an underscore behind
+            the word where a language reserves it; lines that begin with # are left out.
 
     Raises:
         InputError: A file cannot be read or is larger than 256 MiB, or chains differ in length or names.
     """
     if not paths:
         raise InputError("There is no file with draws.")
-    if len(paths) == 1 and str(paths[0]).endswith(".nc"):
+    if any(str(path).endswith(".nc") for path in paths):
+        if len(paths) > 1:
+            raise InputError("A netCDF file with draws must hold all chains and be the only file.")
         return _of_netcdf(Path(paths[0]))
     chains = [chain for path in paths for chain in _chains(Path(path))]
     names, lengths = [set(chain) for chain in chains], {len(next(iter(chain.values()))) for chain in chains}
@@ -51,12 +53,15 @@ def _name(text: str) -> str:
 
 
 def _of_netcdf(path: Path) -> Draws:
-    return _of_dataset(read_groups(path, ("posterior",)).get("posterior"), str(path))
+    groups = read_groups(path, ("posterior", "/"))
+    return _of_dataset(groups["posterior"] if groups["posterior"].sizes else groups["/"], str(path))
 
 
 def _of_dataset(data: Any, source: str) -> Draws:
-    if data is None or not {"chain", "draw"} <= set(data.sizes):
-        raise InputError(f"{source} has no group posterior with the dims chain and draw.")
+    if not {"chain", "draw"} <= set(data.sizes):
+        raise InputError(
+            f"{source} has no variables with the dims chain and draw, in a group posterior or without groups."
+        )
     every: Draws = {}
     for name, variable in data.data_vars.items():
         if {"chain", "draw"} <= set(variable.dims) and variable.dtype.kind in "biuf":
@@ -92,7 +97,7 @@ def named_draws(draws: Any) -> Draws:
         except (TypeError, ValueError):
             array = np.array("")
         if array.dtype.kind not in "biuf":
-            raise InputError(f"Draws of {name} are no real numbers of shape (chain, draw, ...).")
+            raise InputError(f"Draws of {name} are not real numbers of shape (chain, draw, ...).")
         if array.ndim < 2:
             raise InputError(f"Draws of {name} have shape {array.shape} instead of (chain, draw, ...).")
         _add(every, flattened(_name(str(name)), array), "The mapping with draws")
@@ -112,7 +117,9 @@ def _chains(path: Path) -> Iterator[Draws]:
         text = data.decode()
     except (OSError, EOFError, UnicodeDecodeError, zlib.error) as error:
         found = (
-            f"cannot read: {error.strerror}" if isinstance(error, OSError) and error.strerror else f"no {form}: {error}"
+            f"cannot read: {error.strerror}"
+            if isinstance(error, OSError) and error.strerror
+            else f"not {form}: {error}"
         )
         raise InputError(f"{path}: {found}.") from error
     yield from _of_json(path, text) if form == "JSON" else _of_csv(path, text)
@@ -122,7 +129,7 @@ def _of_json(path: Path, text: str) -> Iterator[Draws]:
     try:
         chains = msgspec.json.decode(text, type=list[dict[str, list[float]]])
     except (msgspec.MsgspecError, RecursionError) as error:
-        raise InputError(f"{path} is no list of chains with the draws of each number: {error}.") from None
+        raise InputError(f"{path} is not a list of chains with the draws of each number: {error}.") from None
     if not chains or not all(chain and len({*map(len, chain.values())}) == 1 for chain in chains):
         raise InputError(f"{path} has no chain, or one without or with different numbers of draws.")
     for chain in chains:

@@ -225,7 +225,9 @@ def _write(name: str, content: bytes) -> None:
 
 
 def _checksums() -> None:
-    files = sorted(path for path in FOLDER.iterdir() if path.suffix in {".gz", ".json"})
+    files = sorted(
+        path for path in FOLDER.iterdir() if path.suffix in {".gz", ".json", ".md"} or path.name == "LICENSE"
+    )
     lines = [f"{sha256(path.read_bytes()).hexdigest()}  {path.name}\n" for path in files]
     _write("SHA256SUMS", "".join(lines).encode())
 

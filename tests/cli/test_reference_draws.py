@@ -14,13 +14,19 @@ def command(*words):
     return CliRunner().invoke(app, ["conformance", *map(str, words)])
 
 
-def test_posteriors_are_listed_and_written(tmp_path):
-    """Without a folder they are only listed."""
-    listed, written = command("posteriors"), command("posteriors", tmp_path / "reference")
+def test_posteriors_are_listed_and_written(tmp_path, monkeypatch):
+    """Without a folder they are only listed; the name of a posterior is not taken for a folder."""
+    monkeypatch.chdir(tmp_path)
+    listed, written, named = (
+        command("posteriors"),
+        command("posteriors", "reference"),
+        command("posteriors", "gaussian"),
+    )
 
     assert "gaussian: 24 numbers, exact\n  variance[c,k] ~ InverseGamma(2, 2)" in listed.output
     assert "SHA256SUMS lists them" in written.output
     assert (tmp_path / "reference" / "student.data.json").is_file()
+    assert "gaussian is the name of a reference posterior; give" in str(named.exception)
 
 
 def test_the_exit_code_tells_of_the_verdict(tmp_path):

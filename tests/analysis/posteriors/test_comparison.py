@@ -4,11 +4,13 @@ import gzip
 import shutil
 import subprocess
 from hashlib import sha256
+from importlib.resources import files
 from pathlib import Path
 
 import arviz as az
 import numpy as np
 import pytest
+from solidtouch.analysis.conformance import dataset
 from solidtouch.analysis.posteriors import catalogue
 from solidtouch.analysis.posteriors.catalogue import export, posterior
 from solidtouch.analysis.posteriors.comparison import compare_draws
@@ -44,7 +46,8 @@ def test_an_exported_folder_has_the_checksums_that_it_says(tmp_path):
     number = export(tmp_path / "reference")
     lines = (tmp_path / "reference" / "SHA256SUMS").read_text().splitlines()
 
-    assert len(lines) == number - 1 == 3 * len(NAMES) + 3
+    assert len(lines) == number - 1 == 3 * len(NAMES) + 5
+    assert (tmp_path / "reference" / "LICENSE").read_bytes() == files(dataset).joinpath("LICENSE").read_bytes()
     for line in lines:
         digest, name = line.split("  ")
         assert sha256((tmp_path / "reference" / name).read_bytes()).hexdigest() == digest, name
@@ -148,8 +151,9 @@ def test_draws_of_any_size_are_not_passed(right, factor, status):
     ("change", "match"),
     [
         (lambda draws: draws.pop("variance.1.1.1"), "no number variance.1.1.1"),
-        (lambda draws: draws["variance.1.1.1"].fill(-1.0), "variance.1.1.1 must be finite, positive"),
-        (lambda draws: draws["level.1.1.1"].fill(np.nan), "level.1.1.1 must be finite"),
+        (lambda draws: draws["variance.1.1.1"].fill(-1.0), r"be positive, as .* draw 1 of chain 1 is -1\."),
+        (lambda draws: draws["level.1.1.1"][1:, 2:].fill(np.nan), "be finite; draw 3 of chain 2 is nan"),
+        (lambda draws: draws.update({"level.1.1.1": np.zeros((2, 3))}), "too few: 2 chains of 3 draws; at least one"),
     ],
 )
 def test_draws_that_cannot_be_judged_are_refused(right, change, match):
@@ -197,14 +201,19 @@ def test_files_of_each_chain_are_read(right, form, tmp_path):
     np.testing.assert_array_equal(found["variance.3.2.1"], right["variance.3.2.1"])
 
 
-def test_a_netcdf_file_of_arviz_is_read(right, tmp_path):
-    """Axes of length 1 are left out, as NumPyro's plates have them."""
+def test_a_netcdf_file_is_read(right, tmp_path):
+    """Of ArviZ, or the parameters alone; axes of length 1 are left out, as NumPyro's plates have them."""
     level = np.stack([right[name] for name in right if name.startswith("level")], axis=-1).reshape(10, 100, 3, 2, 1, 2)
-    az.from_dict({"posterior": {"level_": level}}).to_netcdf(tmp_path / "draws.nc")
-    found = read_draws([tmp_path / "draws.nc"])
+    of_arviz = az.from_dict({"posterior": {"level_": level}})
+    of_arviz.to_netcdf(tmp_path / "draws.nc")
+    of_arviz["posterior"].to_dataset().to_netcdf(tmp_path / "flat.nc")
 
-    assert set(found) == {name for name in right if name.startswith("level")}
-    np.testing.assert_array_equal(found["level.2.1.2"], right["level.2.1.2"])
+    for path in (tmp_path / "draws.nc", tmp_path / "flat.nc"):
+        found = read_draws([path])
+        assert set(found) == {name for name in right if name.startswith("level")}
+        np.testing.assert_array_equal(found["level.2.1.2"], right["level.2.1.2"])
+    with pytest.raises(InputError, match="must hold all chains"):
+        read_draws([tmp_path / "draws.nc", tmp_path / "flat.nc"])
 
 
 @pytest.mark.parametrize(
@@ -243,7 +252,7 @@ def test_files_that_are_not_text_are_refused(tmp_path):
     (tmp_path / "other.csv.gz").write_bytes(data[:12] + b"\xff" + data[13:])
 
     for name in ("draws.csv.gz", "other.csv.gz", "none.csv"):
-        with pytest.raises(InputError, match=f"{name}: (cannot read|no CSV)"):
+        with pytest.raises(InputError, match=f"{name}: (cannot read|not CSV)"):
             read_draws([tmp_path / name])
 
 
