@@ -16,7 +16,7 @@ from ..grid import ClassGrid
 from ..taps import TapSet
 from ..threads import cores, in_order
 from .fits.cells import CELL, estimated_prior
-from .fits.normal_equations import solve
+from .fits.normal_equations import expect
 from .fits.posterior import Convergence, Sites, ascent, check_places
 from .fits.priors import CellPrior, Taps
 from .likelihood.forecasts import Unseen, log_t_probability
@@ -31,6 +31,7 @@ LENGTHS = tuple(np.geomspace(0.11, 1.6, 8))
 _MOST = 24  # basis functions; enough for the shortest length scale
 _BORDER = 1.5  # half width of the interval of the sines, in the same unit
 _ROUNDS, _STILL = 300, 1e-3  # rounds at most, and the relative change at which they end
+_SETTLING = 5  # rounds that estimate the prior
 _FEW_ROUNDS = 12  # enough to choose a length scale by
 _TIMES = 10  # of a tap, enough to choose a length scale by
 _SUB_PLACES = 4  # in a class whose taps lie at different places, over which the likelihood is averaged
@@ -171,7 +172,7 @@ class CurvePosterior(NamedTuple):
 
 
 class _Sums(NamedTuple):
-    """Sufficient statistics per class; n taps, Gram matrices (L, M, D, D), products (L, M, D, J, K), squares."""
+    """Sufficient statistics; taps (L, M), Gram matrices (M, L, D, D), products (M, L, D, J, K), squares."""
 
     taps: NDArray[np.float64]
     gram: NDArray[np.float64]
@@ -188,86 +189,91 @@ def fit(taps: Taps) -> CurvePosterior:
     basis = Basis.of(taps.place)
     sums = _sums(taps, basis.at(taps.place))
     few = sums.at_times(slice(None, None, -(-taps.samples.shape[1] // _TIMES)))
-    bounds = [*in_order((lambda n=n: _ascend(few, basis, n, _FEW_ROUNDS)[0] for n in LENGTHS), cores(None))]
-    return _ascend(sums, basis, LENGTHS[int(np.argmax(bounds))], _ROUNDS)[1]
+    start = _start(few)
+    bounds = [*in_order((lambda n=n: _ascend(few, start, basis, n, _FEW_ROUNDS)[0] for n in LENGTHS), cores(None))]
+    return _ascend(sums, _start(sums), basis, LENGTHS[int(np.argmax(bounds))], _ROUNDS)[1]
 
 
 def _sums(taps: Taps, basis: NDArray[np.float64]) -> _Sums:
     (L, M), (_, J, K), D = taps.shape, taps.samples.shape, basis.shape[1]
-    own = taps.where * M + taps.what
-    gram = sum_by(own, basis[:, :, None] * basis[:, None, :], L * M)
-    product = np.zeros((L * M, D, J * K))
+    own = taps.what * L + taps.where
+    gram = sum_by(own, basis[:, :, None] * basis[:, None, :], M * L)
+    product = np.zeros((M * L, D, J * K))
     for which, block in taps.over_blocks(lambda block, which: (which, block)):
         for c in np.unique(own[which]):
             members = own[which] == c
             product[c] += basis[which][members].T @ block[members].reshape(-1, J * K)
     square = class_sums(taps, lambda block, _: block**2)
-    count = np.bincount(own, minlength=L * M).astype(np.float64)
-    return _Sums(count.reshape(L, M), gram.reshape(L, M, D, D), product.reshape(L, M, D, J, K), square)
+    count = np.bincount(own, minlength=M * L).astype(np.float64)
+    return _Sums(count.reshape(M, L).T, gram.reshape(M, L, D, D), product.reshape(M, L, D, J, K), square)
 
 
-def _ascend(sums: _Sums, basis: Basis, length: float, most: int) -> tuple[float, CurvePosterior]:
+class _Curves:
+    """Posterior of the weights of curves.
+
+    Attributes:
+        weight: Expected weights, shape (M, D, J, K).
+        second: Their expected squares, shape (M, D, J, K).
+        root: Upper triangular factors of their covariances, shape (M, D, D, J, K).
+    """
+
+    def __init__(self, sums: _Sums) -> None:
+        M, _, D, J, K = sums.product.shape
+        self._sums, self._n = sums, J * K
+        self._product = np.ascontiguousarray(sums.product).reshape(M, -1, D, J * K)
+        self._square = np.ascontiguousarray(sums.square).reshape(-1, M, J * K)
+        self.weight, self.second = np.empty((2, M, D, J, K))
+        self.root = np.zeros((M, D, D, J, K))
+
+    def update(self, precision: NDArray[np.float64], variance: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Expected sums of squared residuals, after an update given noise precisions (L, M, J, K) and (D, K)."""
+        rest, n = np.empty_like(precision), self._n
+        tight = np.tile(1 / variance, n // variance.shape[1])
+        found = (each.reshape(*each.shape[:-2], n) for each in (self.weight, self.second, self.root, rest))
+        expect(precision.reshape(self._square.shape), self._sums.gram, self._product, self._square, tight, *found)
+        return rest
+
+
+type _Variances = tuple[CellPrior, NDArray[np.float64], NDArray[np.float64]]
+"""Their prior, and shape and rate of their posterior."""
+
+
+def _start(sums: _Sums) -> _Variances:
+    """Variances to begin with: a tenth of the mean squares."""
+    taps, used = sums.taps[..., None, None], np.maximum(sums.taps, 1)[..., None, None]
+    return _variances(taps, np.where(taps > 0, sums.square / used, 1.0) * 0.1 * taps, None)
+
+
+def _variances(taps: NDArray[np.float64], square: NDArray[np.float64], prior: CellPrior | None) -> _Variances:
+    """Variances from expected squares, by default with the prior that is estimated from them."""
+    prior = estimated_prior(taps, square) if prior is None else prior
+    return prior, prior.a + 0.5 * taps, prior.b + 0.5 * square
+
+
+def _ascend(sums: _Sums, start: _Variances, basis: Basis, length: float, most: int) -> tuple[float, CurvePosterior]:
     """Lower bound of the log evidence, and the posterior at one length scale, after at most `most` rounds."""
-    K = sums.square.shape[-1]
-    taps, density = sums.taps[..., None, None], basis.density(length)
-    used = np.maximum(sums.taps, 1)[..., None, None]
-    square = np.where(taps > 0, sums.square / used, 1.0) * 0.1 * taps
-    amplitude = np.ones(K)
-    prior = estimated_prior(taps, square)
-    a, b = prior.a + 0.5 * taps, prior.b + 0.5 * square
+    taps, density, amplitude = sums.taps[..., None, None], basis.density(length), np.ones(sums.square.shape[-1])
+    prior, a, b = start
     rounds, change = 0, np.inf
-    weight, root = np.empty(0), np.empty(0)
+    curves = _Curves(sums)
     while change > _STILL and rounds < most:
         before = a / b
-        variance = amplitude[None] ** 2 * density[:, None]
-        weight, root, second = _weights(sums, a / b, variance)
-        amplitude = np.sqrt((np.diagonal(second, axis1=-2, axis2=-1) / density).mean(axis=(0, 1, 3)))
-        square = _expected_squares(sums, weight, second)
-        if rounds < 5:  # then it has settled, and the bound is that of one prior
-            prior = estimated_prior(taps, square)
-        a, b = prior.a + 0.5 * taps, prior.b + 0.5 * square
+        square = curves.update(before, amplitude**2 * density[:, None])
+        amplitude = np.sqrt((curves.second / density[:, None, None]).mean(axis=(0, 1, 2)))
+        # The prior settles soon, and the bound is that of one prior.
+        prior, a, b = _variances(taps, square, None if rounds < _SETTLING else prior)
         change, rounds = float(np.abs(a / b / before - 1).max()), rounds + 1
-    variance = amplitude[None] ** 2 * density[:, None]
-    bound = _bound(sums, weight, root, variance, prior, a, b)
+    variance = amplitude**2 * density[:, None]
+    bound = _bound(sums, curves, variance, prior, a, b)
+    weight = np.ascontiguousarray(np.moveaxis(curves.weight, 1, -1))
+    root = np.ascontiguousarray(np.moveaxis(curves.root, (1, 2), (-2, -1)))
     width = np.sqrt(variance)
     return bound, CurvePosterior(basis, weight, root, a, b, prior, width, length * basis.half, rounds, change)
 
 
-def _weights(
-    sums: _Sums, precision: NDArray[np.float64], variance: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Expected weights (M, J, K, D), Cholesky factors of their covariances and expected products, (M, J, K, D, D).
-
-    Given noise precisions (L, M, J, K).
-    """
-    _, M, J, K = precision.shape
-    D = len(variance)
-    weight, (root, second) = np.empty((M, J, K, D)), np.empty((2, M, J, K, D, D))
-    for m in range(M):
-        flat = precision[:, m].reshape(-1, J * K)
-        np.matmul(flat.T, sums.gram[:, m].reshape(len(flat), D * D), out=second[m].reshape(J * K, D * D))
-        second[m][..., np.arange(D), np.arange(D)] += 1 / variance.T
-        weight[m] = np.einsum("ljk,ldjk->jkd", precision[:, m], sums.product[:, m], optimize=True)
-    solve(weight.reshape(-1, D), second.reshape(-1, D, D), root.reshape(-1, D, D))
-    return weight, root, second
-
-
-def _expected_squares(sums: _Sums, weight: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Expected sums of squared residuals, shape (L, M, J, K)."""
-    L, M, J, K = sums.square.shape
-    D = weight.shape[-1]
-    square = np.empty_like(sums.square)
-    for m in range(M):
-        quadratic = (sums.gram[:, m].reshape(L, D * D) @ second[m].reshape(J * K, D * D).T).reshape(L, J, K)
-        linear = np.einsum("ldjk,jkd->ljk", sums.product[:, m], weight[m], optimize=True)
-        square[:, m] = sums.square[:, m] - 2 * linear + quadratic
-    return np.maximum(square, 0.0)
-
-
 def _bound(
     sums: _Sums,
-    weight: NDArray[np.float64],
-    root: NDArray[np.float64],
+    curves: _Curves,
     variance: NDArray[np.float64],
     prior: CellPrior,
     a: NDArray[np.float64],
@@ -276,10 +282,11 @@ def _bound(
     """Lower bound of the log evidence up to a constant."""
     noise = prior.a * np.log(prior.b) - gammaln(prior.a) + gammaln(a) - a * np.log(b)
     noise = np.where(sums.taps[..., None, None] > 0, noise, 0.0)
-    second = weight**2 + (root**2).sum(axis=-1)
-    log_root = np.log(np.abs(np.diagonal(root, axis1=-2, axis2=-1))).sum()
-    curves = log_root - 0.5 * (second / variance.T).sum() - 0.5 * np.log(variance).sum() * weight[..., 0, 0].size
-    return float(noise.sum() + curves)
+    log_root = np.log(np.diagonal(curves.root, axis1=1, axis2=2)).sum()
+    shrunk = (
+        0.5 * (curves.second / variance[:, None]).sum() + 0.5 * np.log(variance).sum() * curves.weight[:, 0, :, 0].size
+    )
+    return float(noise.sum() + log_root - shrunk)
 
 
 def arguments(taps: Taps, posterior: CurvePosterior) -> dict[str, Any]:
