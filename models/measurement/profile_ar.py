@@ -131,9 +131,19 @@ class Series(NamedTuple):
         return cell_posterior(self.taps, *self.innovations(rho), prior)
 
     def log_evidence(self, rho: NDArray[np.float64], prior: CellPrior) -> NDArray[np.float64]:
-        """Log probability of the samples of each taxel up to a constant, shape (K,)."""
-        cells = self.cells(rho, prior)
-        return -(cells.a * np.log(cells.b)).sum(axis=(0, 1, 2))
+        """Log probability of the samples of each taxel at slopes (K, G), up to a constant, shape (K, G)."""
+        from .fits.slope_loops import log_evidence
+
+        # Levels away from those that the prior expects act like a sample more.
+        cells, gap = self.cells(rho[:, 0], prior), self.mean - prior.level
+        weight = self.taps * prior.strength / np.maximum(prior.strength + self.taps, 1e-300)
+        constant = self.square + weight * gap**2
+        linear = self.product + weight * gap * self.before
+        quadratic = self.square_before + weight * self.before**2
+        K, out = len(rho), np.empty_like(rho)
+        rows = (np.ascontiguousarray(each).reshape(-1, K) for each in (constant, linear, quadratic, cells.a))
+        log_evidence(rho, *rows, np.broadcast_to(prior.b, K).astype(np.float64), out)
+        return out
 
 
 def fit(taps: Taps, prior: CellPrior | None = None) -> ArPosterior:
@@ -154,7 +164,7 @@ def _on_grid(series: Series, prior: CellPrior, K: int) -> ArPosterior:
     rho, weight = low, high
     for _ in range(4):
         rho = low + (high - low) * np.linspace(0, 1, _GRID)
-        log_weight = np.stack([series.log_evidence(column, prior) for column in rho.T], axis=1)
+        log_weight = series.log_evidence(rho, prior)
         weight = np.exp(log_weight - log_weight.max(axis=1, keepdims=True))
         weight /= weight.sum(axis=1, keepdims=True)
         centre = (rho * weight).sum(axis=1, keepdims=True)

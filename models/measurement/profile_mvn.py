@@ -101,10 +101,8 @@ class MvnPosterior(NamedTuple):
 
     def cells(self, slope: NDArray[np.float64], extra: NDArray[np.float64] | float = 0.0) -> Cells:
         """Posterior of the cells given slopes; `extra` is added to the squared deviations."""
-        factor = np.eye(slope.shape[-1]) - slope
-        mean = np.einsum("lmki,lmji->lmjk", factor, self.mean)
-        square = _squares(factor, self.scatter) + extra
-        return cell_posterior(self.taps, mean, square, self.prior)
+        mean = self.mean - self.mean @ slope.mT
+        return cell_posterior(self.taps, mean, _squares(slope, self.scatter) + extra, self.prior)
 
 
 def fit(taps: Taps, prior: CellPrior | None = None) -> MvnPosterior:
@@ -136,7 +134,7 @@ def fit(taps: Taps, prior: CellPrior | None = None) -> MvnPosterior:
         before = slope
         slope, root = _slope_rows(full, cells.a / cells.b, typical, tightness, used)
         typical, tightness = _shared(slope, root, used)
-        square = _squares(np.eye(K) - slope, full) + _uncertain(root, full)
+        square = _squares(slope, full) + _uncertain(root, full)
         if known is None and rounds < _SETTLING:
             prior = estimated_prior(count - 1, square)
         change, rounds = float(np.abs(slope - before).max()), rounds + 1
@@ -193,10 +191,13 @@ def _shared(
     return typical, float(min(pairs / max(variance.sum(), 1e-9), 1e6))
 
 
-def _squares(factor: NDArray[np.float64], scatter: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Squared deviations of the innovations, the diagonal of W S W', shape (L, M, J, K)."""
-    half = np.einsum("lmki,lmjix->lmjkx", factor, scatter, optimize=True)
-    return np.maximum((half * factor[:, :, None]).sum(axis=-1), 0.0)
+def _squares(slope: NDArray[np.float64], scatter: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Squared deviations of the innovations, shape (L, M, J, K)."""
+    from .fits.slope_loops import innovation_squares
+
+    (L, M, J, K), out = scatter.shape[:4], np.empty(scatter.shape[:4])
+    innovation_squares(slope.reshape(L * M, K, K), scatter.reshape(L * M, J, K, K), out.reshape(L * M, J, K))
+    return out
 
 
 def arguments(taps: Taps, posterior: MvnPosterior) -> dict[str, Any]:
