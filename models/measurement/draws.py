@@ -22,6 +22,7 @@ from .likelihood.forms import GaussianForm
 from .likelihood.shapes import Parameters
 from .likelihood.true_class import Own, OwnTaps
 from .model import Fitted, TapModel, in_states
+from .states import States
 from .story import ParametricModel
 
 CHAINS = 4
@@ -188,8 +189,8 @@ def replicated_bins(
     where the model knows places within a class, at the places given.
     """
     plain, states = model.training_form(parameters), model.states.apart()
-    form = in_states(plain, states, model.edges)
-    state = _states_of_sessions(states.log_prior, taps.session, generator)
+    drawn, state = np.unique(_states_of_sessions(states.log_prior, taps.session, generator), return_inverse=True)
+    form = in_states(plain, States(*(each[drawn] for each in states)), model.edges)
     where, own = model.training_hypotheses(taps)
     hypothesis = state * plain.shape[1] + own
     J = taps.taps.shape[1]

@@ -236,10 +236,6 @@ class TableForm(NamedTuple):
             move(self.log_prob, k, *pieces(own, gain, offset), moved)
         return type(self)(moved)
 
-    def only(self, where: NDArray[np.intp], what: NDArray[np.intp]) -> Self:
-        """Form of some hypotheses as a single row, shape (1, len(where))."""
-        return type(self)(self.log_prob[where, what][np.newaxis])
-
     def prepare(self, impossible: NDArray[np.bool_]) -> "PreparedTable":
         """Precomputed form; hypotheses in the mask `impossible`, shape (L, H), have likelihood 0."""
         L, H, K, B = self.log_prob.shape

@@ -1,5 +1,7 @@
 """Log probability of taps under their own classes, for several forms in turn."""
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,6 +11,9 @@ from ..states import States
 from .any_form import Form
 from .bins import TableForm, find_bins
 from .forms import GaussianForm, bin_gaps
+
+if TYPE_CHECKING:
+    from .moved_bins import MovedTaps
 
 type Own = tuple[NDArray[np.intp], NDArray[np.intp]]
 """Position and object index of each tap, both of shape (N,)."""
@@ -32,6 +37,7 @@ class OwnTaps:
         self._gaps = bin_gaps(taps, edges, may_miss=True)
         self._bins = find_bins(taps, edges)
         self._missing = bool((self._bins < 0).any())
+        self._prepared: MovedTaps | None = None
 
     def log_probability(self, form: Form) -> NDArray[np.float64]:
         """Log probability of the bins of each tap under its class, shape (N,).
@@ -39,15 +45,23 @@ class OwnTaps:
         Args:
             form: Form of the model in the state of gain 1 and offset 0.
         """
-        where, what = self._where, self._what
-        if isinstance(form, TableForm) and not self._at_rest:  # only classes of the taps are moved
-            used, row = np.unique(np.stack([where, what]), axis=1, return_inverse=True)
-            form, where, what = form.only(*used), np.zeros_like(row), row
-        parts = [
-            log_prior + self._plain(in_one_state(form, gain, offset, self._edges), where, what)
-            for gain, offset, log_prior in zip(*(values.tolist() for values in self._states), strict=True)
-        ]
+        if isinstance(form, TableForm) and not self._at_rest:
+            parts = self._moved(form.shape[1]).log_probability(form.log_prob) + self._states.log_prior[:, None]
+        else:
+            parts = [
+                log_prior + self._plain(in_one_state(form, gain, offset, self._edges), self._where, self._what)
+                for gain, offset, log_prior in zip(*(values.tolist() for values in self._states), strict=True)
+            ]
         return parts[0] if len(parts) == 1 else np.logaddexp.reduce(parts, axis=0)
+
+    def _moved(self, hypotheses: int) -> "MovedTaps":
+        """The taps for tables of so many hypotheses at each position, made once."""
+        from .moved_bins import MovedTaps
+
+        if self._prepared is None:
+            own = self._where * hypotheses + self._what
+            self._prepared = MovedTaps.of(self._bins, own, self._edges, self._states)
+        return self._prepared
 
     def _plain(self, form: Form, where: NDArray[np.intp], what: NDArray[np.intp]) -> NDArray[np.float64]:
         if self._missing and not form.independent:

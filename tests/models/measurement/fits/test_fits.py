@@ -254,7 +254,8 @@ def test_the_bound_of_curves_never_falls(rng):
     taps = curved(rng)
     basis = Basis.of(taps.where.astype(float))
     sums = smooth._sums(taps, basis.at(taps.where.astype(float)))
-    bounds = [smooth._ascend(sums, basis, LENGTHS[4], rounds)[0] for rounds in range(1, 16)]
+    start = smooth._start(sums)
+    bounds = [smooth._ascend(sums, start, basis, LENGTHS[4], rounds)[0] for rounds in range(1, 16)]
 
     assert np.all(np.diff(bounds) > -1e-6)
     assert bounds[-1] > bounds[0]

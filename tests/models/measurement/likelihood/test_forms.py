@@ -13,6 +13,7 @@ from solidtouch.models.measurement.likelihood.forecasts import (
 )
 from solidtouch.models.measurement.likelihood.forms import GaussianForm, bin_gaps
 from solidtouch.models.measurement.likelihood.innovations import class_log_probability
+from solidtouch.models.measurement.likelihood.true_class import OwnTaps
 from solidtouch.models.measurement.model import in_states
 from solidtouch.models.measurement.states import ONE_STATE, States
 
@@ -512,10 +513,22 @@ def test_bins_far_below_the_range_of_numbers_are_moved_as_well(rng, gain, offset
     assert np.isneginf(moved).any()
 
 
-def test_some_classes_of_a_table_are_a_row_of_them(rng):
-    form, (where, what) = table_form(rng), (np.array([1, 0, 1]), np.array([2, 2, 0]))
+def test_only_the_bins_of_taps_are_moved(rng):
+    """As if all were, also with missing samples, impossible bins and those far below the range of numbers."""
+    log_prob = -rng.exponential(rng.choice([1.0, 300.0], size=(L, H, K, B)))
+    log_prob[0, 0, :, 3] = -np.inf
+    table, edges = (
+        TableForm(log_prob - np.logaddexp.reduce(log_prob, axis=-1, keepdims=True)),
+        np.linspace(-2, 2, B + 1),
+    )
+    states = States(np.array([1.0, 0.9, 1.2]), np.array([0.0, 0.3, -0.1]), np.log([0.4, 0.1, 0.5]))
+    taps, where, what = rng.normal(size=(9, J, K)), rng.integers(L, size=9), rng.integers(H, size=9)
+    taps[2, :, 1], taps[5] = np.nan, np.nan
+    each = zip(*(values.tolist() for values in states), strict=True)
+    parts = [p + table.in_state(g, o, edges).own(taps, edges, where, what) for g, o, p in each]
+    found = OwnTaps(taps, (where, what), edges, states).log_probability(table)
 
-    np.testing.assert_array_equal(form.only(where, what).log_prob, form.log_prob[where, what][None])
+    np.testing.assert_allclose(found, np.logaddexp.reduce(parts, axis=0), rtol=1e-12, atol=1e-12)
 
 
 def test_whole_bins_move_as_they_are(rng):
