@@ -13,7 +13,7 @@ from .bins import TableForm, find_bins
 from .forms import GaussianForm, bin_gaps
 
 if TYPE_CHECKING:
-    from .moved_bins import MovedTaps
+    from .moved_taps import MovedTaps
 
 type Own = tuple[NDArray[np.intp], NDArray[np.intp]]
 """Position and object index of each tap, both of shape (N,)."""
@@ -56,7 +56,7 @@ class OwnTaps:
 
     def _moved(self, hypotheses: int) -> "MovedTaps":
         """The taps for tables of so many hypotheses at each position, made once."""
-        from .moved_bins import MovedTaps
+        from .moved_taps import MovedTaps
 
         if self._prepared is None:
             own = self._where * hypotheses + self._what
