@@ -117,7 +117,12 @@ def run_engines(
 @app.command("check")
 def check(
     command: Annotated[
-        str | None, Option("--command", help="Program with arguments, as in a shell.", show_default=False)
+        str | None,
+        Option(
+            "--command",
+            help="Program with arguments, quoted as in a shell; `sh -c` does pipes and variables.",
+            show_default=False,
+        ),
     ] = None,
     answers: Annotated[
         Path | None,

@@ -105,6 +105,8 @@ def parse_answer(line: str, case: Case) -> Answer:
     except _NoNumberError as error:
         raise BadAnswerError(f"is not JSON, which has no {error}; minus infinity is null: {_shown(line)}") from None
     except json.JSONDecodeError as error:
+        if not line[error.pos :].strip():
+            raise BadAnswerError(f"ends within an object, which must be on one line: {_shown(line)}") from None
         place = f" from character {error.pos + 1} on" if error.pos else ""
         raise BadAnswerError(f"is not JSON{place}: {_shown(line[error.pos :])}") from None
     except (ValueError, RecursionError):  # also a number of thousands of digits, and lists within lists
@@ -142,7 +144,8 @@ def _python(name: str, value: Any) -> Any:
 def _answer(fields: Mapping[str, Any], case: Case, shown: object) -> Answer:
     """The answer in these fields, which a message shows as they were given."""
     if fields.get("case") != case.name:
-        raise BadAnswerError(f"is about case {_shown(fields.get('case'))}")
+        about = f"is about case {_shown(fields['case'])} instead of" if "case" in fields else "does not name its case,"
+        raise BadAnswerError(f"{about} {case.name!r}")
     if "tap" not in fields:
         raise BadAnswerError(f"has no tap number: {_shown(shown)}")
     tap = _whole("tap", fields["tap"])
@@ -174,7 +177,8 @@ def _refuse(constant: str) -> Any:
 def _whole(name: str, value: Any) -> int:
     number = isinstance(value, int | float) and not isinstance(value, bool)
     if not number or not abs(value) < _MOST or value != int(value):
-        raise BadAnswerError(f"has {name} {_shown(value)}, which is not a whole number")
+        said = "text, not" if isinstance(value, str) else "not"
+        raise BadAnswerError(f"has {name} {_shown(value)}, which is {said} a whole number")
     return int(value)
 
 

@@ -122,7 +122,7 @@ def run_program(
     <Verdict root-j: DIFFERS tap 1: there is no answer>
 
     Args:
-        command: The program and its arguments, as in a shell or one by one.
+        command: The program and its arguments, quoted as in a shell, which does not run it, or one by one.
         names: As in `run`.
         levels: As in `run`.
         kit: As in `run`.
@@ -306,12 +306,13 @@ def _report(
     if not chosen:
         held = ", ".join(dict.fromkeys(case.level for case in kit.cases.values())) or "none"
         raise InputError(f"kit {folder}: no case of level {', '.join(asked_levels)}; its levels are {held}.")
-    advance = progress("Cases", len(chosen))
-    verdicts = list(counted(work(chosen), advance))
+    found = work(chosen)  # a program that is not there is refused before a bar begins
+    verdicts = list(counted(found, progress("Cases", len(chosen))))
     wrong = sum(verdict.quantity != "" for verdict in verdicts)
     if wrong and asked.causes:
         verdicts = with_causes(
             verdicts, kit.cases, asked.precision, asked.without, progress("Looking for causes", wrong)
         )
-    found = {verdict.case: verdict for verdict in verdicts}
-    return ConformanceReport(title, found, kit, asked.precision, asked.without)
+    return ConformanceReport(
+        title, {verdict.case: verdict for verdict in verdicts}, kit, asked.precision, asked.without
+    )

@@ -78,13 +78,17 @@ def check_program(words: list[str], cases: Sequence[Case], asked: Asked, togethe
         InputError: There is no such program.
     """
     check_command(words)
-    if not together:
-        return _each(cases, asked, lambda case: run_program(words, case.lines(), asked.timeout), timed=True)
+    if together:
+        return _together(words, cases, asked)
+    return _each(cases, asked, lambda case: run_program(words, case.lines(), asked.timeout), timed=True)
+
+
+def _together(words: list[str], cases: Sequence[Case], asked: Asked) -> Iterator[Verdict]:
     due = [case for case in cases if left_out(case, asked.precision) is None]
     lines = (line for case in due for line in case.lines())
     ended = run_program(words, lines, asked.timeout * max(1, len(due)))
     parts = _by_case(ended, due)
-    return _each(cases, asked, lambda case: parts[case.name])
+    yield from _each(cases, asked, lambda case: parts[case.name])
 
 
 def check_function(implementation: Implementation, cases: Sequence[Case], asked: Asked) -> Iterator[Verdict]:

@@ -136,7 +136,7 @@ def _read(case: Case, lines: Iterable[tuple[int, str]]) -> tuple[list[Answer], s
         try:
             answer = parse_answer(line, case)
         except BadAnswerError as error:
-            return answers, f"writes a line {number} that {error}"
+            return answers, f"writes line {number}, which {error}"
         if answer.tap != first + len(answers):
             return answers, f"answers tap {answer.tap} in line {number}, where tap {first + len(answers)} is due"
         answers.append(answer)

@@ -71,7 +71,7 @@ def test_a_program_that_prints_rubbish_is_told_so():
     code, text, _ = call("check", "--command", shlex.join([sys.executable, "-c", "print(1)"]), "--case", "root-j")
 
     assert code == 1
-    assert "root-j FAILED it writes a line 1 that is not a JSON object: '1' 0 of 1 case passes, 1 failed." in text
+    assert "root-j FAILED it writes line 1, which is not a JSON object: '1' 0 of 1 case passes, 1 failed." in text
 
 
 @pytest.mark.parametrize(("name", "code"), [("TERM", 143), ("INT", 130)])
