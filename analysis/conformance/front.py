@@ -103,7 +103,7 @@ def run(
 
 
 def run_program(
-    command: str | Sequence[str],
+    command: str | Path | Sequence[str | Path],
     names: Sequence[str] = (),
     *,
     levels: Sequence[str] = (),
@@ -137,7 +137,11 @@ def run_program(
         InputError: There is no such program, case, level or quantity.
     """
     asked = _asked(precision, without, causes, timeout)
-    words = split_command(command) if isinstance(command, str) else list(command)
+    words = (
+        split_command(command)
+        if isinstance(command, str)
+        else [*map(str, [command] if isinstance(command, Path) else command)]
+    )
     title = f"Conformance of {shlex.join(words)}"
     return _report(
         title, (kit, names, levels), asked, progress, lambda chosen: check_program(words, chosen, asked, together)
@@ -285,6 +289,8 @@ def _asked(precision: Precision, without: Sequence[str], causes: bool, timeout: 
     if not timeout > 0:
         raise InputError(f"timeout must be positive, got {timeout:g}.")
     known = [name for name in QUANTITIES if name not in FIT]
+    if isinstance(without, str):
+        raise InputError(f"without must be a list, got the text {without!r}.")
     for name in without:
         if name not in known:
             raise InputError(f"without must be one of {', '.join(known)}, got {name!r}.")

@@ -54,23 +54,22 @@ def split_command(command: str) -> list[str]:
     """The words of a command.
 
     Raises:
-        InputError: It is empty or has an open quotation mark.
+        InputError: It has an open quotation mark.
     """
     try:
-        words = shlex.split(command)
+        return shlex.split(command)
     except ValueError as error:
         raise InputError(f"command {command!r} cannot be read: {error}.") from error
-    if not words:
-        raise InputError("command is empty; it must name a program.")
-    return words
 
 
 def check_command(words: Sequence[str]) -> None:
     """Checks that a program can be started.
 
     Raises:
-        InputError: There is none of this name, or it is not executable.
+        InputError: None is named, there is none of this name, or it is not executable.
     """
+    if not words:
+        raise InputError("command is empty; it must name a program.")
     if shutil.which(words[0]) is None:
         there = "/" in words[0] and Path(words[0]).exists()
         reason = "Permission denied" if there else "No such file or directory"

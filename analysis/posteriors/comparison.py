@@ -135,7 +135,9 @@ def _mixed(r_hat: float, ess: float) -> bool:
 
 def _scaled(number: Number, draws: Draws) -> NDArray[np.float64]:
     if number.name not in draws:
-        raise InputError(f"The draws have no number {number.name}; there are {shortened([*draws], 8) or 'none'}.")
+        chains, per_chain = next(iter(draws.values()), np.empty((0, 0))).shape
+        sizes = f"{counted(chains, 'chain')} of {counted(per_chain, 'draw')}"
+        raise InputError(f"The draws have no number {number.name}; there are {sizes}: {shortened([*draws], 8)}.")
     values = draws[number.name]
     if len(values) < 1 or values.shape[1] < _FEWEST:
         held = f"{counted(len(values), 'chain')} of {counted(values.shape[1], 'draw')}"

@@ -2,6 +2,7 @@
 
 import sys
 from itertools import repeat
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -203,6 +204,8 @@ def test_single_precision_has_wider_tolerances():
         (lambda: st.conformance.run(right, ["y"]), "case y: there is no such case"),
         (lambda: st.conformance.run(right, levels=["all"]), "level all: it must be one of core, episodes, borders"),
         (lambda: st.conformance.run(right, without=["belief"]), "without must be one of log_likelihood"),
+        (lambda: st.conformance.run(right, without="belief"), "without must be a list, got the text 'belief'"),
+        (lambda: st.conformance.run_program([]), "command is empty"),
         (lambda: st.conformance.run(right, precision="half"), "precision half: it must be one of double, single"),
         (lambda: st.conformance.run_engine("gpu"), "engine gpu: it must be one of numpy, numpyro, montecarlo"),
         (lambda: st.conformance.run_files("/no/such"), "answers /no/such: not a folder"),
@@ -214,6 +217,6 @@ def test_what_is_not_there_is_refused(call, sentence):
 
 
 def test_a_program_is_named_by_its_words_too():
-    words = [sys.executable, "-c", "print(1)"]
+    words = [Path(sys.executable), "-c", "print(1)"]
 
     assert not st.conformance.run_program(words, ["root-j"]).passed

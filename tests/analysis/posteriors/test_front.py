@@ -149,6 +149,7 @@ def test_draws_in_any_form_have_the_same_verdict(gaussian, form):
         ({"level": np.zeros((0, 9, 3, 2, 2))}, "too few: 0 chains of 9 draws; at least one chain of 4 draws is due"),
         ([1, 2], "files, not list"),
         ({}, "The draws have no number level.1.1.1"),
+        ({"level": np.zeros((900, 3, 2, 2))}, "no number level.1.1.1; there are 900 chains of 3 draws: level.1.1,"),
         (xr.Dataset({"level": ("draw", np.zeros(9))}), "has no variables with the dims chain and draw"),
         ([], "no file"),
     ],
