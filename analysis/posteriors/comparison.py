@@ -137,7 +137,8 @@ def _scaled(number: Number, draws: Draws) -> NDArray[np.float64]:
     if number.name not in draws:
         chains, per_chain = next(iter(draws.values()), np.empty((0, 0))).shape
         sizes = f"{counted(chains, 'chain')} of {counted(per_chain, 'draw')}"
-        raise InputError(f"The draws have no number {number.name}; there are {sizes}: {shortened([*draws], 8)}.")
+        only = f", only {shortened([*draws], 8)}" if draws else ""
+        raise InputError(f"The draws, {sizes}, have no number {number.name}{only}.")
     values = draws[number.name]
     if len(values) < 1 or values.shape[1] < _FEWEST:
         held = f"{counted(len(values), 'chain')} of {counted(values.shape[1], 'draw')}"

@@ -143,6 +143,8 @@ def _of_csv(path: Path, text: str) -> Iterator[Draws]:
     rows = [row for row in csv.reader(line for line in text.splitlines() if line.strip() and line[:1] != "#") if row]
     if len(rows) < 2:
         raise InputError(f"{path} has no draws: a line of names and a line for each draw are due.")
+    if any(text.count("[") != text.count("]") for text in rows[0]):
+        raise InputError(f"{path}: names with commas between brackets need quotation marks.")
     names = [_name(text) for text in rows[0]]
     if twice := {name for name in names if names.count(name) > 1}:
         raise InputError(f"{path} has {min(twice)} twice.")
@@ -151,11 +153,26 @@ def _of_csv(path: Path, text: str) -> Iterator[Draws]:
             raise InputError(f"{path}: draw {number} has {len(row)} instead of {len(names)} numbers.")
     try:
         table = np.array(rows[1:], dtype=np.float64)
-    except ValueError as error:
-        raise InputError(f"{path}: {error}.") from error
+    except ValueError:
+        raise InputError(f"{path}: {_no_number(rows)}.") from None
     column = next((rows[0].index(name) for name in _CHAIN if name in rows[0]), None)
     if column is None:
         yield dict(zip(names, table.T, strict=True))
         return
     for chain in np.unique(table[:, column]):
         yield dict(zip(names, table[table[:, column] == chain].T, strict=True))
+
+
+def _no_number(rows: Sequence[Sequence[str]]) -> str:
+    """The first cell of a table of numbers, below its names, that holds something else."""
+    cells = ((i, j, text) for i, row in enumerate(rows[1:], 1) for j, text in enumerate(row, 1))
+    draw, column, text = next(cell for cell in cells if not _is_number(cell[2]))
+    return f"draw {draw}, column {column}: {text[:40]!r} is not a number"
+
+
+def _is_number(text: str) -> bool:
+    try:
+        np.array(text, dtype=np.float64)
+    except ValueError:
+        return False
+    return True

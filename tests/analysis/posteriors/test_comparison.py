@@ -223,7 +223,8 @@ def test_a_netcdf_file_is_read(right, tmp_path):
         ("a,b\n", "has no draws"),
         ("a,b\n1\n", "draw 1 has 1 instead of 2 numbers"),
         ("a,b\n1,2\n1\n", "draw 2 has 1 instead of 2 numbers"),
-        ("a\nx\n", "could not convert string to float: 'x'"),
+        ("a,b\n1,2\n3,x\n", "draw 2, column 2: 'x' is not a number"),
+        ("a[1,1],a[1,2]\n1,2\n", "names with commas between brackets need quotation marks"),
         ("a[1],a.1\n1,2\n", "has a.1 twice"),
     ],
 )
