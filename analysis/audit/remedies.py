@@ -88,27 +88,30 @@ _FOR_MANY = (
 _PAPER = "samples, taxels and taps independent"
 
 
+def no_change(setting: Setting, train: TapSet, grid: ClassGrid) -> Remedy:
+    """The setting as it is.
+
+    Raises:
+        InputError: It cannot be fitted.
+    """
+    return Remedy(BASELINE, "no change", _assumes(setting), setting, _fit(setting, train, grid), grid, "")
+
+
 def make_remedies(
+    base: Remedy,
     train: TapSet,
     tune: Sequence[TapSet],
-    grid: ClassGrid,
-    setting: Setting,
     n: int,
     seed: int,
     advance: Callable[[int], None],
     models: Sequence[str] = (),
 ) -> tuple[list[Remedy], list[RefusedRemedy]]:
-    """The setting as it is and every remedy that the taps allow, fitted and tuned; the setting as it is comes first.
+    """The setting as it is, from `no_change`, and every remedy that the taps allow, fitted and tuned.
 
     Further `models` are remedies of their own names.
-
-    Raises:
-        InputError: The setting as it is cannot be fitted.
     """
-    base = _fit(setting, train, grid)
-    remedies = [Remedy(BASELINE, "no change", _assumes(setting), setting, base, grid, "")]
-    refused: list[RefusedRemedy] = []
-    advance(1)
+    setting, used, grid = base.setting, base.model, base.grid
+    remedies, refused = [base], list[RefusedRemedy]()
 
     def attempt(name: str, make: Callable[[], Remedy]) -> None:
         try:
@@ -118,18 +121,18 @@ def make_remedies(
         advance(1)
 
     def exponent() -> Remedy:
-        learned = best_power(base, tune, n, seed)
+        learned = best_power(used, tune, n, seed)
         chosen = setting.changed(power=learned.power)
         title = "likelihoods are raised to one exponent for all numbers of taps"
-        return Remedy(EXPONENT, title, _assumes(setting), chosen, _powered(base, chosen), grid, learned.sentence)
+        return Remedy(EXPONENT, title, _assumes(setting), chosen, _powered(used, chosen), grid, learned.sentence)
 
     def falling() -> Remedy:
-        learned = learn_saturation(base, tune, seed=seed)
+        learned = learn_saturation(used, tune, seed=seed)
         limit = None if np.isinf(learned.saturation) else float(learned.saturation)
         chosen = setting.changed(power=learned.power, saturation=limit)
         title = "an exponent that decreases with the number of taps, so a sequence counts as a limited number of taps"
         assumes = "samples and taxels independent, taps dependent to the same degree everywhere"
-        return Remedy(FALLING, title, assumes, chosen, _powered(base, chosen), grid, learned.sentence)
+        return Remedy(FALLING, title, assumes, chosen, _powered(used, chosen), grid, learned.sentence)
 
     def other(name: str) -> Remedy:
         model, title, assumes = _model_of(name, train)
@@ -200,7 +203,7 @@ def beside_right(
 
 def count_remedies(models: Sequence[str] = ()) -> int:
     """How often `make_remedies` reports progress."""
-    return 4 + len(MODELS) + len(models)
+    return 3 + len(MODELS) + len(models)
 
 
 def _model_of(name: str, train: TapSet) -> tuple[str, str, str]:

@@ -38,7 +38,7 @@ from .detectable import SIMULATIONS as DESIGN_SIMULATIONS
 from .detectable import Detectable, enough
 from .guarantees import PromiseTest, exceeded, guarantees
 from .leakage.run import Leakage, leakage
-from .remedies import RefusedRemedy, Remedy, beside_right, count_remedies, make_remedies
+from .remedies import RefusedRemedy, Remedy, beside_right, count_remedies, make_remedies, no_change
 from .remedy_scores import Measured, count_measurements, measure, policy_of
 from .thresholds import Recalibrated, recalibrate, tune_threshold
 from .variance.causes import SEQUENCE, split_variance
@@ -195,11 +195,7 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
             classes,
         )
         draw_ahead(_figures_of_tests(parts, leaks, taxels, times))
-        with clock.stage("Fitting remedies", count_remedies(settings.models)) as advance:
-            remedies, refused = make_remedies(
-                parts.train, parts.tune, grid, setting, SEQUENCE, seed, advance, settings.models
-            )
-        base = remedies[0]
+        base = no_change(setting, parts.train, grid)
         parted = clock.beside(
             threads, "Decomposing the variance", lambda _: _split(parts, grid, base, settings, suspects)
         )
@@ -209,13 +205,15 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
             lambda advance: audit_checks(tested, _histograms(base.model), seed, settings.replicates, advance),
             count_replicates(tested, settings.replicates),
         )
-        with clock.stage("Tuning on taps of a correct model", settings.tuned_simulations) as advance:
-            own = parts.train, parts.tune, SEQUENCE, seed, advance, settings.tuned_simulations
-            remedies = beside_right(remedies, *own)
         promises = clock.beside(
             threads, "Checking error bounds", lambda _: _promises(base, parts.measure, grid, settings, policy_of(base))
         )
         draw_ahead(_figures_of_model(leaks, parted, checks, promises))
+        with clock.stage("Fitting remedies", count_remedies(settings.models)) as advance:
+            remedies, refused = make_remedies(base, parts.train, parts.tune, SEQUENCE, seed, advance, settings.models)
+        with clock.stage("Tuning on taps of a correct model", settings.tuned_simulations) as advance:
+            own = parts.train, parts.tune, SEQUENCE, seed, advance, settings.tuned_simulations
+            remedies = beside_right(remedies, *own)
         with clock.stage("Measuring remedies", count_measurements(remedies, settings.simulations)) as advance:
             measured = measure(
                 remedies,

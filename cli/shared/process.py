@@ -19,7 +19,8 @@ _SETTINGS = {"JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0", "JAX_PERSISTENT_
 _MOST_BYTES = 1 << 28
 _PATIENCE_S = 2.0
 _SELDOM = 200_000, 50, 1000
-_MALLOC = {-1: 1 << 26, -3: 1 << 22}  # M_TRIM_THRESHOLD and M_MMAP_THRESHOLD in bytes
+_MALLOC = {-1: 1 << 28, -3: 1 << 25}  # M_TRIM_THRESHOLD and M_MMAP_THRESHOLD, the largest that there is, in bytes
+_ARENAS = -8  # M_ARENA_MAX
 
 
 def keep_programs() -> None:
@@ -53,15 +54,18 @@ def collect_seldom() -> None:
 def keep_memory() -> None:
     """Makes the C library of Linux keep memory for the next arrays, which the system would have to clear each time.
 
-    Arrays of 4 MiB or more are given back as before.
+    Arrays of 32 MiB or more are given back as before. Threads share as many heaps as there are cores, so that one uses
+    what another has freed.
     """
     if sys.platform == "linux" and "numpy" in sys.modules:  # which has loaded ctypes, too
         import ctypes
 
+        from ...models.threads import cores
+
         library = ctypes.CDLL(None)
         if hasattr(library, "mallopt"):
-            for parameter, size in _MALLOC.items():
-                library.mallopt(parameter, size)
+            for parameter, value in (*_MALLOC.items(), (_ARENAS, cores(None))):
+                library.mallopt(parameter, value)
 
 
 @contextmanager

@@ -17,7 +17,7 @@ from functools import partial
 from typing import NamedTuple
 
 from solidtouch.analysis.audit.leakage.run import leakage
-from solidtouch.analysis.audit.remedies import make_remedies
+from solidtouch.analysis.audit.remedies import make_remedies, no_change
 from solidtouch.analysis.audit.remedy_scores import measure
 from solidtouch.analysis.audit.variance.causes import SEQUENCE, split_variance
 from solidtouch.analysis.audit.variance.split import session_p
@@ -117,7 +117,9 @@ def unbroken(model: TapModel, samples: int, seed: int) -> tuple[int, str | None,
 def well_alone(name: str, sets: Callable[[], Sequence[TapSet]], power: str, seed: int) -> tuple[str, str, str]:
     """What an audit recommends, and how beliefs are."""
     parts, grid = of_sets(sets())
-    remedies, _ = make_remedies(parts.train, parts.tune, grid, Setting.of(power=power), SEQUENCE, seed, lambda _: None)
+    remedies, _ = make_remedies(
+        no_change(Setting.of(power=power), parts.train, grid), parts.train, parts.tune, SEQUENCE, seed, lambda _: None
+    )
     measured = measure(remedies, parts.measure, SEQUENCE, 2000, seed, lambda _: None)
     return name, calibration(measured.judged), recommended(measured) or "nothing"
 

@@ -9,7 +9,7 @@ import numpyro.distributions as dist
 import pytest
 from slow_cases import slow_but
 from solidtouch.analysis.audit import remedies
-from solidtouch.analysis.audit.remedies import BASELINE, FINER, MODELS, count_remedies, make_remedies
+from solidtouch.analysis.audit.remedies import BASELINE, FINER, MODELS, count_remedies, make_remedies, no_change
 from solidtouch.analysis.audit.remedy_scores import count_measurements, lost, measure
 from solidtouch.analysis.audit.verdict import worthwhile
 from solidtouch.analysis.stats.decisions import spread_of
@@ -38,7 +38,13 @@ def made(sessions):
     """Every remedy, those that are refused, and how often progress was told of."""
     told = []
     remedies, refused = make_remedies(
-        sessions[0], [sessions[1]], sessions[0].grid(), SETTING, TAPS, 0, told.append, ["gaussian"]
+        no_change(SETTING, sessions[0], sessions[0].grid()),
+        sessions[0],
+        [sessions[1]],
+        TAPS,
+        0,
+        told.append,
+        ["gaussian"],
     )
     return remedies, refused, sum(told)
 
@@ -97,7 +103,9 @@ def test_a_function_is_fitted_as_the_setting_says_and_tuned(sessions, monkeypatc
     setting = Setting(fit=SETTING.fit.changed(method="map"), play=SETTING.play)
     names = [register(level), register(fails)]
     train, tune = sessions[:2]
-    found, refused = make_remedies(train, [tune], train.grid(), setting, TAPS, 0, lambda _: None, names)
+    found, refused = make_remedies(
+        no_change(setting, train, train.grid()), train, [tune], TAPS, 0, lambda _: None, names
+    )
 
     (own,) = (remedy for remedy in found if remedy.name == "level")
     assert (own.title, own.model.name) == ("A level for each object", "level")
@@ -126,7 +134,7 @@ def test_a_fixation_point_stays_where_it_is(measured, sessions, monkeypatch):
     monkeypatch.setattr(remedies, "MODELS", {name: MODELS[name] for name in [*MODELS][:1]})
     at_end = SETTING.changed(fixation=3)
     grid = sessions[0].grid()
-    made, _ = make_remedies(sessions[0], [sessions[1]], grid, at_end, TAPS, 0, lambda _: None)
+    made, _ = make_remedies(no_change(at_end, sessions[0], grid), sessions[0], [sessions[1]], TAPS, 0, lambda _: None)
     assert [remedy.setting.play.fixation for remedy in made] == [3] * 4 + [6]
     found = few(made[:1], sessions[2], TAPS, 200, 0, lambda _: None)
     assert found.taps != measured.taps
@@ -135,7 +143,9 @@ def test_a_fixation_point_stays_where_it_is(measured, sessions, monkeypatch):
 
 def test_training_taps_do_not_tune(made, sessions):
     """Other tuning sessions give other exponents with the same tables."""
-    others, _ = make_remedies(sessions[0], [sessions[0]], sessions[0].grid(), SETTING, TAPS, 0, lambda _: None)
+    others, _ = make_remedies(
+        no_change(SETTING, sessions[0], sessions[0].grid()), sessions[0], [sessions[0]], TAPS, 0, lambda _: None
+    )
     tuned, again = made[0][1], others[1]
     np.testing.assert_array_equal(tuned.model.counts, again.model.counts)
     assert again.setting.fit.power > 1.2 * tuned.setting.fit.power
@@ -145,7 +155,9 @@ def test_what_taps_do_not_allow_is_refused_with_a_reason(make_taps):
     """Profiles need samples, covariance taxels, finer classes several places; the others still come."""
     sets = [make_taps(sessions=1, J=1, K=1, seed=seed) for seed in range(2)]
     told = []
-    remedies, refused = make_remedies(sets[0], sets[1:], sets[0].grid(), Setting.of(bins=20), TAPS, 0, told.append)
+    remedies, refused = make_remedies(
+        no_change(Setting.of(bins=20), sets[0], sets[0].grid()), sets[0], sets[1:], TAPS, 0, told.append
+    )
     assert [remedy.name for remedy in remedies] == [BASELINE, "exponent", "falling exponent", "session state"]
     reasons = {item.name: item.reason for item in refused}
     assert list(reasons) == ["time-indexed", "taxel covariance", FINER]
@@ -159,7 +171,7 @@ def test_places_that_do_not_vary_need_no_finer_grid():
     """All taps of a class at its centre leave finer classes empty."""
     centred = replace(RIG, position_spread_mm=0.0)
     sets = [simulate_session(centred, 1, session) for session in range(2)]
-    _, refused = make_remedies(sets[0], sets[1:], sets[0].grid(), SETTING, TAPS, 0, lambda _: None)
+    _, refused = make_remedies(no_change(SETTING, sets[0], sets[0].grid()), sets[0], sets[1:], TAPS, 0, lambda _: None)
     assert [(item.name, "lie at the same position" in item.reason) for item in refused] == [(FINER, True)]
 
 

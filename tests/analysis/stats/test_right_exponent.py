@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 from slow_cases import slow_but
-from solidtouch.analysis.audit.remedies import EXPONENT, FALLING, beside_right, make_remedies
+from solidtouch.analysis.audit.remedies import EXPONENT, FALLING, beside_right, make_remedies, no_change
 from solidtouch.analysis.stats.right_exponent import (
     MOST_TAPS,
     SIMULATIONS,
@@ -102,7 +102,7 @@ def test_taps_that_are_copies_are_found():
     train, tune = parts(1, n=20, right=model_of(5, 3))
     setting = Setting.of(bins=B, power="none")
     for planted, expected in ((tune, False), (same(tune), True)):
-        made, _ = make_remedies(train, [planted], train.grid(), setting, CONTACTS, 0, lambda _: None)
+        made, _ = make_remedies(no_change(setting, train, train.grid()), train, [planted], CONTACTS, 0, lambda _: None)
         told = []
         found = beside_right(made, train, [planted], CONTACTS, 0, told.append)
         tuned = {one.name: one.beside for one in found if one.beside is not None}
@@ -122,11 +122,13 @@ def test_remedies_are_tuned_anew_on_every_data_set():
     """Fitted to its training taps, tuned on its tuning taps, as `make_remedies` does."""
     train, tune = parts(2)
     setting = Setting.of(bins=B, power="none")
-    made, _ = make_remedies(train, [tune], train.grid(), setting, CONTACTS, 3, lambda _: None)
+    made, _ = make_remedies(no_change(setting, train, train.grid()), train, [tune], CONTACTS, 3, lambda _: None)
     _, one, falling, *_ = beside_right(made, train, [tune], CONTACTS, 3, lambda _: None)
 
     def tuned(sets):
-        again, _ = make_remedies(sets[0], sets[1:], train.grid(), setting, CONTACTS, 3, lambda _: None)
+        again, _ = make_remedies(
+            no_change(setting, sets[0], train.grid()), sets[0], sets[1:], CONTACTS, 3, lambda _: None
+        )
         limit = again[2].setting.fit.saturation
         return again[1].setting.fit.power, again[2].setting.fit.power, MOST_TAPS if limit is None else limit
 
@@ -140,7 +142,9 @@ def test_remedies_are_tuned_anew_on_every_data_set():
 
 def test_without_tuned_exponents_nothing_is_simulated():
     train, tune = parts(0)
-    made, _ = make_remedies(train, [tune], train.grid(), Setting.of(bins=B), CONTACTS, 0, lambda _: None)
+    made, _ = make_remedies(
+        no_change(Setting.of(bins=B), train, train.grid()), train, [tune], CONTACTS, 0, lambda _: None
+    )
     told = []
     assert beside_right(made[:1], train, [tune], CONTACTS, 0, told.append) == made[:1]
     assert sum(told) == SIMULATIONS
