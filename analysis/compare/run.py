@@ -247,10 +247,14 @@ def _fit_all(
     refused: dict[str, str] = {}
     seconds: dict[str, float] = {}
     given = _Training(train, grid, fit, all_registered(), ShownHere(clock.progress))
-    results = iter((on_threads(alone=_by_numpyro, ahead=len(names)) if crew is None else crew)(_fit, names, given))
-    for name in names:
+    order = sorted(names, key=lambda name: not _by_numpyro(name))  # one thread fits these, so they end last
+    results = iter((on_threads(alone=_by_numpyro, ahead=len(names)) if crew is None else crew)(_fit, order, given))
+    found: dict[str, tuple[PortableFit | None, str, float]] = {}
+    for name in order:
         with clock.stage(f"Fitting {name}"):
-            made, told, seconds[name] = next(results)
+            found[name] = next(results)
+    for name in names:
+        made, told, seconds[name] = found[name]
         if made is None:
             refused[name] = told
         else:

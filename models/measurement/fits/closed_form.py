@@ -19,9 +19,13 @@ def packed(posterior: Any) -> xr.Dataset:
     """Arrays of a posterior, those of its parts under names with dots; axes of equal values are kept once."""
     variables = {}
     for name, array in _arrays(posterior):
-        once = array[tuple(slice(None if stride else 1) for stride in array.strides)]
-        variables[name] = tuple(f"{name}_{axis}" for axis in range(array.ndim)), once, {"shape": array.shape}
+        variables[name] = tuple(f"{name}_{axis}" for axis in range(array.ndim)), once(array), {"shape": array.shape}
     return xr.Dataset(variables)
+
+
+def once(array: NDArray[Any]) -> NDArray[Any]:
+    """An array with axes along which it was broadcast cut to 1."""
+    return array[tuple(slice(None if stride else 1) for stride in array.strides)]
 
 
 def _arrays(posterior: Any) -> Iterator[tuple[str, NDArray[Any]]]:

@@ -11,6 +11,7 @@ from scipy.special import stdtr
 
 from ...errors import InputError
 from ..fits.cells import Cells
+from ..fits.closed_form import once
 from .bins import NOT_FINITE
 from .forms import AT_ONCE, BinGaps, GaussianForm, bin_gaps
 from .shapes import Measure, Parameters
@@ -108,7 +109,7 @@ def cells_integrated(
 ) -> NDArray[np.float64]:
     """Log probability of the bins of taps, levels and variances of cells integrated out, shape (N,)."""
     variance = cells.b / cells.a * (1 + 1 / np.maximum(cells.strength, 1.0))
-    return log_t_probability(form({**parameters, "variance": variance}, frame), 0, 2 * cells.a, unseen)
+    return log_t_probability(form({**parameters, "variance": variance}, frame), 0, 2 * once(cells.a), unseen)
 
 
 def cells_left_out(

@@ -134,15 +134,16 @@ class GaussianForm(NamedTuple):
     ) -> NDArray[np.float64]:
         """Taps under hypotheses (N,), shape (N, J, K)."""
         q = generator.choice(len(self.log_weight), size=len(where), p=np.exp(self.log_weight))
-        mean, scale = self.mean[q, where, what], self.scale[q, where, what]
-        white = scale * generator.standard_normal(mean.shape)
+        white = generator.standard_normal((len(where), *self.mean.shape[-2:]))
+        white *= self.scale[q, where, what]
         if self.taxel.shape[-1]:
             taxel = np.broadcast_to(self.taxel, (*self.shape, *self.taxel.shape[2:]))[where, what]
             white = np.linalg.solve(taxel, white.mT).mT
-        if _is_one(self.time):
-            return mean + white
-        time = np.broadcast_to(np.linalg.inv(self.time), (mean.shape[2], *self.time.shape[1:]))
-        return mean + np.einsum("kji,nik->njk", time, white, optimize=True)
+        if not _is_one(self.time):
+            time = np.broadcast_to(np.linalg.inv(self.time), (white.shape[2], *self.time.shape[1:]))
+            white = np.einsum("kji,nik->njk", time, white, optimize=True)
+        white += self.mean[q, where, what]
+        return white
 
 
 class PreparedGaussian(NamedTuple):

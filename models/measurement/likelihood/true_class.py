@@ -1,5 +1,6 @@
 """Log probability of taps under their own classes, for several forms in turn."""
 
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -9,8 +10,8 @@ from ...errors import InputError
 from ..missing import dependent
 from ..states import States
 from .any_form import Form
-from .bins import TableForm, find_bins
-from .forms import GaussianForm, bin_gaps
+from .bins import TableForm, known_bins
+from .forms import BinGaps, GaussianForm, bin_gaps
 
 if TYPE_CHECKING:
     from .moved_taps import MovedTaps
@@ -34,10 +35,16 @@ class OwnTaps:
         self._at_rest = bool((self._states.gain == 1).all() and (self._states.offset == 0).all())
         self._where, self._what = own
         self._taps = taps
-        self._gaps = bin_gaps(taps, edges, may_miss=True)
-        self._bins = find_bins(taps, edges)
-        self._missing = bool((self._bins < 0).any())
+        self._missing = bool(np.isnan(taps).any())
         self._prepared: MovedTaps | None = None
+
+    @cached_property
+    def _gaps(self) -> BinGaps:
+        return bin_gaps(self._taps, self._edges, may_miss=True)
+
+    @cached_property
+    def _bins(self) -> NDArray[np.intp]:
+        return known_bins(self._taps, self._edges, may_miss=True)
 
     def log_probability(self, form: Form) -> NDArray[np.float64]:
         """Log probability of the bins of each tap under its class, shape (N,).
