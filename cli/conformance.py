@@ -169,6 +169,8 @@ def check(
 
     if (command is None) == (answers is None):
         raise InputError("Give either --command PROGRAM or --answers DIR.")
+    if together and command is None:
+        raise InputError("--together starts a program and does not go with --answers.")
     if report_file is not None:
         if report_as is None:
             raise InputError("--report-file needs --report json or --report junit.")

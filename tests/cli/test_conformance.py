@@ -133,6 +133,7 @@ def test_a_report_replaces_the_text_or_is_a_file(tmp_path):
     [
         (("check",), "Give either --command PROGRAM or --answers DIR."),
         (("check", "--command", "x", "--answers", "y"), "Give either --command PROGRAM or --answers DIR."),
+        (("check", "--answers", "y", "--together"), "--together starts a program and does not go with --answers."),
         (("check", "--command", ""), "command is empty; it must name a program."),
         (("check", "--command", "a 'b"), 'command "a \'b" cannot be read: No closing quotation.'),
         (("check", "--command", "/no/such"), "command: /no/such cannot be run: No such file or directory."),
