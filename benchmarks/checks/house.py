@@ -91,7 +91,8 @@ def import_edges(root: Path = ROOT) -> set[tuple[Path, Path]]:
 def circles(edges: set[tuple[Path, Path]]) -> list[list[str]]:
     """Groups of modules that import each other, directly or by a detour."""
     files = sorted({path for edge in edges for path in edge})
-    ends = np.array([[files.index(path) for path in edge] for edge in edges]).T
+    number = {path: i for i, path in enumerate(files)}
+    ends = np.array([[number[path] for path in edge] for edge in edges]).T
     graph = csr_array((np.ones(len(edges)), tuple(ends)), shape=(len(files), len(files)))
     n, of = connected_components(graph, connection="strong")
     return [[files[i].as_posix() for i in np.flatnonzero(of == k)] for k in range(n) if (of == k).sum() > 1]

@@ -152,7 +152,7 @@ def test_a_fit_holds_few_blocks_at_a_time(make_taps, tmp_path, monkeypatch, name
     size = taps.samples.nbytes
     monkeypatch.setattr(storage, "ON_DISK", 0)
     monkeypatch.setattr(blocks, "BLOCK", size // 50)
-    monkeypatch.setattr(matrix_normal, "_ROUNDS", 4)
+    monkeypatch.setattr(matrix_normal, "_ROUNDS", 2)
     monkeypatch.setattr(student, "_STEPS", 100)
     monkeypatch.setattr(student, "_RUNS", 1)
     large = TapSet.load(tmp_path / "taps.nc")

@@ -313,11 +313,11 @@ def test_intervals_of_left_out_sessions_hold_the_truth(sessions):
 def test_the_best_of_equal_models_is_rarely_said_to_be_better_than_the_second(models, rng):
     """The difference of the best to the second is chosen for its size, and still excludes 0 in 5% at most.
 
-    Of 400 studies of 12 sessions, whose losses differ between sessions; of two models in about 5%, of five in less.
+    Of 200 studies of 12 sessions, whose losses differ between sessions; of two models in about 5%, of five in less.
     """
     cluster = np.repeat(np.arange(12), 5)
     excluded = 0
-    for _ in range(400):
+    for _ in range(200):
         own = rng.normal(size=(models, 12))[:, cluster] + rng.normal(size=(models, len(cluster)))
         scores = {f"m{m}": TapScores(values, cluster) for m, values in enumerate(own)}
         means = mean_scores(scores, "m0", "integrated")
@@ -328,6 +328,6 @@ def test_the_best_of_equal_models_is_rarely_said_to_be_better_than_the_second(mo
         assert np.isnan(means["integrated_step"].isel(model=int(means["integrated"].values.argmin())))
         excluded += float(step["integrated_step_low"]) > 0
 
-    most, least = stats.binom(400, 0.05).ppf([0.999, 0.001])
+    most, least = stats.binom(200, 0.05).ppf([0.999, 0.001])
     assert excluded <= most
     assert (excluded >= least) == (models == 2)

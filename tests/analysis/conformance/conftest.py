@@ -10,7 +10,7 @@ from referencing import Registry, Resource
 import solidtouch as st
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def solid_c(tmp_path_factory):
     return compile_c(FOLDER / "solid.c", tmp_path_factory.mktemp("c") / "solid", "-O2", *STRICT)
 
@@ -41,11 +41,11 @@ def schemas(exported):
     }
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def kit():
     return with_answers(cases())
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def long_kit():
     return with_answers([long_case()])

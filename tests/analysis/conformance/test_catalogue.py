@@ -1,6 +1,7 @@
 """The cases of the kit."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -32,6 +33,8 @@ LONG = (
     "subnormal-prior",
 )
 SHORT = [case for name, case in catalogue().items() if name not in LONG]
+FEW = sorted((case for case in SHORT if case.sizes["L"] * case.sizes["J"] <= 60), key=lambda case: bool(case.strategy))
+"""Those of few samples; the ones with gains of information come last, as their exact answers take the longest."""
 UNDECIDED = (
     "near-ties",
     "threshold-reached",
@@ -128,21 +131,26 @@ def test_a_whole_trial_that_decides_otherwise_is_found():
     assert trial_difference(case, swapped, tolerances(case, right, "double")) is not None
 
 
+@cache
+def allowed_in(case):
+    return tolerances(case, expected(case), "double")
+
+
 @pytest.mark.parametrize("mistake", MISTAKES, ids=[mistake.name for mistake in MISTAKES])
 def test_every_mistake_differs_somewhere_and_explains_itself(mistake):
-    """In every form, and in most of the cases where it shows nothing else explains more."""
+    """In every form, and in the first cases where it shows nothing else explains more."""
     for rules in mistake.rules:
         shown, named = 0, 0
-        for case in SHORT[::2] if len(mistake.rules) > 3 else SHORT:
-            if case.sizes["L"] * case.sizes["J"] > 60 or not mistake.shows(case):
+        for case in FEW[::2] if len(mistake.rules) > 3 else FEW:
+            if not mistake.shows(case):
                 continue
-            allowed = tolerances(case, expected(case), "double")
+            allowed = allowed_in(case)
             answers = list(rules(case).answers())
             found = first_difference(case, expected(case), answers, allowed)
             if found is not None:
                 shown += 1
                 named += explains(mistake, case, answers, found, allowed)
-            if shown == 3:
+            if shown == 2:
                 break
         assert shown > 0 or rules.__name__ in ("_LinearBelief", "_LinearProduct"), rules.__name__
         assert named == shown

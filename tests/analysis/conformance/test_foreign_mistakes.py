@@ -76,6 +76,7 @@ SHORT = (
 LEVELS = tuple(case.name for case in own_kit().select(levels=["continuous", "strategies"]))
 LEVEL_CASES = ("normal", "normal-ends", "normal-tails", "info-what", "info-impossible-pool", "info-pool-of-one")
 """The same for the levels that are asked for by name, all and few."""
+LEVEL_NAMES = [mistake["name"] for mistake in LEVEL_MISTAKES]
 LIMITS = {"linear-underflow": ("long-and-back",), "linear-likelihood": ("episode-paper-size",)}
 
 
@@ -137,6 +138,6 @@ def test_each_mistake_is_named_in_all_cases(mistake, language, tmp_path):
 
 
 @pytest.mark.parametrize("names", [LEVEL_CASES, pytest.param(LEVELS, marks=pytest.mark.slow)], ids=["short", "all"])
-@pytest.mark.parametrize("mistake", LEVEL_MISTAKES, ids=[mistake["name"] for mistake in LEVEL_MISTAKES])
+@pytest.mark.parametrize("mistake", slow_but(LEVEL_MISTAKES[::3], LEVEL_MISTAKES), ids=LEVEL_NAMES)
 def test_each_mistake_in_the_levels_asked_by_name_is_named(mistake, names, tmp_path):
     check_named(mistake, "py", names, tmp_path)

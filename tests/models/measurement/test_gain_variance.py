@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from scipy import stats
+from slow_cases import slow_but
 from solidtouch.models.measurement import gain_variance as module
 from solidtouch.models.measurement.gain_variance import COMPONENTS, PRIOR_SD, GainCells, gain_posteriors, log_density
 
@@ -111,7 +112,7 @@ DESIGNS = {
 }
 
 
-@pytest.mark.parametrize("name", DESIGNS)
+@pytest.mark.parametrize("name", slow_but({*DESIGNS} - {"many sessions"}, DESIGNS))
 def test_the_posterior_is_that_of_a_grid_of_another_kind(name, rng):
     """Means and medians, by Gauss-Legendre over logarithms of standard deviations between far apart ends."""
     cells = DESIGNS[name].cells(rng)
