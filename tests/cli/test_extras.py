@@ -68,7 +68,17 @@ def test_without_extras_commands_run_or_name_the_extra(taps_file, tmp_path):
     rig = Path(__file__).parents[2] / "docs/examples/rig.toml"
     lines = {
         ("fit", taps_file, "--out", model, "--bins", 9): None,
-        ("perceive", model, "--rig", f"replay:{taps_file}", "--deadline", 3, "--training-taps"): None,
+        (
+            "perceive",
+            model,
+            "--rig",
+            f"replay:{taps_file}",
+            "--deadline",
+            3,
+            "--training-taps",
+            "--engine",
+            "numpy",
+        ): None,
         ("inspect", taps_file): None,
         ("inspect", tmp_path / "taps.mcap"): "mcap",
         ("convert", "--look", table): "pyarrow",

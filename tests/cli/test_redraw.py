@@ -74,14 +74,14 @@ def test_a_redrawn_figure_is_that_of_the_run(name, names, stored, command, tmp_p
         assert drawing_of(report.plot(figure)).svg == svg, figure
 
 
-def test_some_figures_in_another_style_and_format(stored, command, tmp_path):
+def test_a_figure_in_another_style_and_format(stored, command, tmp_path):
     """Beside the file, in a folder of the style; existing files only with --force."""
     file = tmp_path / "results.nc"
     file.write_bytes(stored("reproduction").read_bytes())
-    done = command("redraw", file, "confusion", "contacts", "--style", "paper", "--format", "pdf")
+    done = command("redraw", file, "contacts", "--style", "paper", "--format", "pdf")
 
     assert done.code == 0
-    assert {path.name for path in (tmp_path / "figures-paper").iterdir()} == {"confusion.pdf", "contacts.pdf"}
+    assert {path.name for path in (tmp_path / "figures-paper").iterdir()} == {"contacts.pdf"}
     again = command("redraw", file, "contacts", "--style", "paper", "--format", "pdf")
     assert again.code == 2
     assert "contacts.pdf: already exists" in again.err

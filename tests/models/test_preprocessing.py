@@ -87,7 +87,7 @@ def test_a_record_survives_its_text(record):
 
 
 @given(record=RECORDS, stream=STREAMS, cuts=st.lists(st.integers(0, 60), max_size=12))
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=150, deadline=None)
 def test_any_split_of_a_stream_gives_the_same_taps(record, stream, cuts):
     """Frames may arrive one by one, in any pieces, or all at once."""
     whole, pieces = TapCutter(record), TapCutter(record)
@@ -257,7 +257,7 @@ def pressed(record, stream, presses, cuts=()):
 
 
 @given(record=PRESSES, stream=STREAMS, data=st.data())
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=150, deadline=None)
 def test_any_split_of_a_pressed_stream_gives_the_same_taps(record, stream, data):
     """Frames may arrive one by one, in any pieces, or all at once between two presses."""
     places = st.sets(st.integers(0, len(stream)), max_size=6)
@@ -285,7 +285,7 @@ def naive_presses(record, frames, presses):
 
 
 @given(record=PRESSES, stream=STREAMS, data=st.data())
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=150, deadline=None)
 def test_a_press_starts_the_tap_that_holds_the_frames_before_it(record, stream, data):
     """Presses before there are enough frames, or less than a tap before the next press or the end, give no tap."""
     presses = sorted(data.draw(st.sets(st.integers(0, len(stream)), max_size=6)))

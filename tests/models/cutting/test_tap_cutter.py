@@ -55,7 +55,7 @@ def waves(frames, seed):
 
 
 @given(record=RECORDS, frames=st.integers(1, 250), seed=st.integers(0, 99), data=st.data())
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=150, deadline=None)
 def test_frame_by_frame_gives_the_bits_of_the_whole_stream(record, frames, seed, data):
     stream = waves(frames, seed)
     places = st.sets(st.integers(0, frames), max_size=6)

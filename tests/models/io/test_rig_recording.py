@@ -159,7 +159,7 @@ def test_garbage_behind_the_last_message_costs_nothing(killed, tail):
 
 @pytest.mark.parametrize("recorded", slow_but(["killed"], ["killed", "unfiltered"]))
 @given(data=st.data())
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=150, deadline=None)
 def test_a_flipped_bit_never_changes_a_tap(recorded, request, data):
     """Taps may be lost, and it is said, but those that are left are those that were made, in their order."""
     path, taps = request.getfixturevalue(recorded)

@@ -646,9 +646,10 @@ def level_of(distribution):
             lambda loc, where: dist.Normal(loc, jnp.where(where == 1, -1.0, 1.0)),
             "story is not a number for a tap of position 1 and object 0",
         ),
-        (
+        pytest.param(
             lambda loc, where: dist.Normal(jnp.where(where == 1, jnp.log(-1.0 - loc**2), loc), 1.0),
             "story is not a number for a tap of position 1 and object 0",
+            marks=pytest.mark.slow,
         ),
         (
             lambda loc, where: dist.HalfNormal(1.0 + loc**2 + 0.0 * where),
