@@ -2,11 +2,13 @@
 
 import ast
 import sys
+from functools import cache
 from pathlib import Path
 
 import pytest
 
-from benchmarks.checks.house import PACKAGES, ROOT, circles, class_names, folder_sizes, import_edges, modules, parsed
+from benchmarks.checks import house
+from benchmarks.checks.house import PACKAGES, ROOT, circles, class_names, folder_sizes, import_edges, modules
 
 MOST_MODULES, MOST_LINES = 20, 5
 LARGER = {"cli"}
@@ -14,6 +16,13 @@ LARGER = {"cli"}
 HOUSED = (*PACKAGES, "benchmarks")
 """Whose folders are small and have a head."""
 FOLDERS = sorted({path.parent.relative_to(ROOT).as_posix() for path in modules(packages=HOUSED)})
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _each_file_is_parsed_once():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(house, "parsed", cache(house.parsed))
+        yield
 
 
 def test_a_class_name_exists_once():
@@ -40,7 +49,7 @@ def test_a_circle_is_found():
 @pytest.mark.parametrize("folder", FOLDERS)
 def test_a_folder_says_what_is_inside(folder):
     """In a few lines at its head, and holds no code there."""
-    head = parsed(ROOT / folder / "__init__.py")
+    head = house.parsed(ROOT / folder / "__init__.py")
 
     assert len(head.body) == 1
     assert 1 < len((ast.get_docstring(head) or "").splitlines()) <= MOST_LINES
@@ -127,7 +136,7 @@ EDGES = {
 
 def packages(path):
     """Packages from elsewhere that a file imports."""
-    for node in ast.walk(parsed(path)):
+    for node in ast.walk(house.parsed(path)):
         if isinstance(node, ast.Import):
             yield from (alias.name.partition(".")[0] for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and not node.level:
