@@ -117,7 +117,7 @@ def fit(
     trained_on = f"{', '.join(path.name for path in data)}: {parts.description}"
     with bars() as progress:
         fitted, learned = fit_tempered(model, fold.train, grid, settings, trained_on, progress)
-    large = fold.train.large and settings.method != "nuts" and not arviz
+    large = fold.train.scanned is not None and settings.method != "nuts" and not arviz
     written, kept = _written(fitted, fold.train, 0 if draws is None and large else draws, arviz)
     beside = "" if learned is None else _beside(model, fitted, fold.train, settings, learned.taps, simulations, crew)
     save_model(written, out, force, kept, fitted.convergence)

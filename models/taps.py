@@ -69,8 +69,7 @@ class TapSet:
 
     Attributes:
         dataset: The labelled arrays; `taps` of a large file stay there until `taps` is asked for, see `blocks`.
-        extremes: Lowest and highest sample of each tap and taxel, shape (N, 2, K), NaN where all are missing; found
-            when the set is made, unless they are given. Samples must not be changed afterwards.
+        scanned: The `extremes` of a large recording, which is not read again for them.
 
     Raises:
         InputError: An array is missing, has the wrong shape, holds NaN or infinite values, or labels point
@@ -78,16 +77,17 @@ class TapSet:
     """
 
     dataset: xr.Dataset
-    extremes: NDArray[Any] = field(default=None, repr=False)  # pyright: ignore[reportAssignmentType]
+    scanned: NDArray[Any] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         """Checks the dataset."""
         if not isinstance(self.dataset, xr.Dataset):
             raise InputError(f"A TapSet holds an xarray dataset, got {type(self.dataset).__name__}; see from_arrays.")
         check_shapes(self.dataset)
-        if self.extremes is None:  # pyright: ignore[reportUnnecessaryComparison]
-            object.__setattr__(self, "extremes", extreme_samples(self.samples, self.missing == "drop"))
-        check_values(self.dataset, self.extremes)
+        extremes = self.extremes
+        check_values(self.dataset, extremes)
+        if self.samples.nbytes > storage.ON_DISK:
+            object.__setattr__(self, "scanned", extremes)
 
     @classmethod
     def from_arrays(
@@ -218,11 +218,6 @@ class TapSet:
         return self.dataset.variables["taps"]
 
     @property
-    def large(self) -> bool:
-        """Whether samples are on disk, or too many to be copied."""
-        return self.samples.nbytes > storage.ON_DISK or not isinstance(self.samples._data, np.ndarray)
-
-    @property
     def taps(self) -> NDArray[np.floating]:
         """Samples in memory, shape (N, J, K); those on disk are read and stay in memory."""
         return self.samples.load().values
@@ -230,7 +225,7 @@ class TapSet:
     @property
     def doubles(self) -> Any:
         """Samples in double precision, shape (N, J, K); made block by block if the recording is large."""
-        return ScaledSamples(self.samples) if self.large else self.taps.astype(np.float64)
+        return self.taps.astype(np.float64) if self.scanned is None else ScaledSamples(self.samples)
 
     @property
     def lacking(self) -> NDArray[np.intp]:
@@ -239,9 +234,18 @@ class TapSet:
             return np.zeros((len(self), self.samples.shape[2]), np.intp)
         return np.concatenate(list(over_blocks(self.samples, lambda block, _: np.isnan(block).sum(axis=1))))
 
-    @cached_property
+    @property
+    def extremes(self) -> NDArray[Any]:
+        """Lowest and highest sample of each tap and taxel, shape (N, 2, K), NaN where all are missing."""
+        return extreme_samples(self.samples, self.missing == "drop") if self.scanned is None else self.scanned
+
+    @property
     def digests(self) -> NDArray[np.uint64]:
         """Digest of each tap, see `blocks.tap_digests`, shape (N,)."""
+        return tap_digests(self.samples) if self.scanned is None else self._digests
+
+    @cached_property
+    def _digests(self) -> NDArray[np.uint64]:
         return tap_digests(self.samples)
 
     @property
@@ -326,14 +330,16 @@ class TapSet:
             index = np.flatnonzero(index)
         if index.dtype.kind not in "iu" or not ((-len(self) <= index) & (index < len(self))).all():
             raise InputError(f"Taps are selected by a mask or by indices from 0 to {len(self) - 1}.")
-        return type(self)(self.dataset.isel(tap=index), self.extremes[index])
+        return type(self)(self.dataset.isel(tap=index), None if self.scanned is None else self.scanned[index])
 
     def moved(self, gain: NDArray[np.float64], offset: NDArray[np.float64]) -> Self:
         """The same taps, each multiplied by a gain and then shifted by an offset, both of shape (N,)."""
-        samples = MovedSamples(self.samples, gain, offset).variable(self.samples)
+        samples = MovedSamples(self.samples, gain, offset)
+        if self.scanned is None:
+            return type(self)(self.dataset.assign(taps=samples.variable(self.samples).load()))
         return type(self)(
-            self.dataset.assign(taps=samples if self.large else samples.load()),
-            self.extremes * gain[:, None, None] + offset[:, None, None],
+            self.dataset.assign(taps=samples.variable(self.samples)),
+            self.scanned * gain[:, None, None] + offset[:, None, None],
         )
 
     def grid(self, where_cell: str | None = None, what_cell: str | None = None) -> ClassGrid:
@@ -457,8 +463,6 @@ class TapSet:
 def concatenate(parts: Sequence[TapSet], names: Sequence[str] | None = None) -> TapSet:
     """One tap set from several with the same objects and preprocessing, with all their positions.
 
-    Samples may be missing in it if they may in one of them.
-
     Args:
         parts: The tap sets; other tables than that of positions are those of the first.
         names: Their names for messages.
@@ -470,12 +474,12 @@ def concatenate(parts: Sequence[TapSet], names: Sequence[str] | None = None) -> 
         raise InputError("There are no taps.")
     check_alike(parts, [f"part {i}" for i in range(1, len(parts) + 1)] if names is None else names)
     parts = with_all_places(parts)
-    large = any(part.large for part in parts)
+    large = any(part.scanned is not None for part in parts)
     datasets = [part.dataset.drop_vars("taps") if large else part.dataset for part in parts]
     dataset = xr.concat(datasets, dim="tap", data_vars="minimal", coords="minimal", compat="override")
-    if large:
-        dataset = dataset.assign(taps=joined_samples([part.samples for part in parts]))
-    dataset = dataset.assign_attrs(_marked("drop" if any(part.missing == "drop" for part in parts) else "refuse"))
+    if not large:
+        return TapSet(dataset)
+    dataset = dataset.assign(taps=joined_samples([part.samples for part in parts]))
     return TapSet(dataset, np.concatenate([part.extremes for part in parts]))
 
 
@@ -522,7 +526,7 @@ def with_all_places(taps: Sequence[TapSet]) -> Sequence[TapSet]:
     column = ("where_class", every, tables[0].attrs)
     places = ("where_value", "where_edges")
     plain = (part.dataset.drop_vars(places, errors="ignore").assign_coords(where_value=column) for part in taps)
-    return [TapSet(dataset, part.extremes) for dataset, part in zip(plain, taps, strict=True)]
+    return [TapSet(dataset, part.scanned) for dataset, part in zip(plain, taps, strict=True)]
 
 
 def in_plane(places: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
@@ -564,7 +568,7 @@ def _with_all_in_plane(taps: Sequence[TapSet], places: Sequence[xr.DataArray | N
         where = of[np.searchsorted(part.dataset["where_value"].values, part.where)].astype(np.float64)
         dataset = part.dataset.drop_vars(("where_value", "where_place"))
         column = ("tap", where, part.dataset["where"].attrs)
-        found.append(TapSet(dataset.assign_coords(where=column, **coords), part.extremes))
+        found.append(TapSet(dataset.assign_coords(where=column, **coords), part.scanned))
     return found
 
 

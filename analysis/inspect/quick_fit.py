@@ -97,7 +97,7 @@ class QuickFit(NamedTuple):
 
 def too_large(taps: TapSet) -> bool:
     """Whether a quick fit would not be quick, or the recording is not held in memory."""
-    return taps.large or taps.samples.size > MOST_SAMPLES
+    return taps.scanned is not None or taps.samples.size > MOST_SAMPLES
 
 
 def quick_fit(taps: TapSet, grid: ClassGrid, before: int = 0, judged: int = MOST_TAPS) -> QuickFit | None:

@@ -153,7 +153,7 @@ def right_sets(model: TapModel, sets: Sequence[TapSet], generator: np.random.Gen
     """
     if not isinstance(model, HistogramModel):
         return [drawn_set(model, taps, generator) for taps in sets]
-    known = [one.samples if one.large else one.taps for one in sets]
+    known = [one.taps if one.scanned is None else one.samples for one in sets]
     made = [np.empty(samples.shape, samples.dtype) for samples in known]
     where, what = (np.concatenate(columns) for columns in zip(*(one.indices(model.grid) for one in sets), strict=True))
     ends = np.cumsum([len(one) for one in sets])[:-1]

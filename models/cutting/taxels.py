@@ -86,7 +86,7 @@ def with_taxels(taps: TapSet, used: Sequence[int]) -> TapSet:
     of_sensor = chosen if record.taxels is None else [record.taxels[k] for k in chosen]
     dataset = taps.dataset.isel(taxel=chosen)
     dataset = dataset.assign_attrs(preprocessing=replace(record, taxels=tuple(of_sensor)).to_json())
-    return TapSet(dataset, taps.extremes[:, :, chosen])
+    return TapSet(dataset, None if taps.scanned is None else taps.scanned[:, :, chosen])
 
 
 def taxel_ranges(extremes: NDArray[np.floating]) -> tuple[NDArray[np.floating], NDArray[np.floating]]:

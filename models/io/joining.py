@@ -45,7 +45,7 @@ def numbered(taps: Sequence[TapSet], names: Sequence[str]) -> tuple[list[TapSet]
     parts, called = [], []
     for part, name in zip(_with_one_table(taps), names, strict=True):
         sessions, index = np.unique(part.session, return_inverse=True)
-        parts.append(TapSet(part.dataset.assign_coords(session=("tap", index + len(called))), part.extremes))
+        parts.append(TapSet(part.dataset.assign_coords(session=("tap", index + len(called))), part.scanned))
         called += [name] if len(sessions) == 1 and len(taps) > 1 else [f"{name} session {s}" for s in sessions]
     return parts, tuple(called)
 
@@ -60,7 +60,7 @@ def _with_one_table(taps: Sequence[TapSet]) -> list[TapSet]:
             part.dataset.drop_vars([*_TABLES, *(set(part.dataset.data_vars) - shared)], errors="ignore").assign_coords(
                 tables
             ),
-            part.extremes,
+            part.scanned,
         )
         for part in taps
     ]
@@ -112,7 +112,7 @@ def relabel(
         dataset.attrs["preprocessing"] = record.to_json()
         time = np.arange(record.samples) / (record.rate_hz or 1.0)
         dataset = dataset.assign_coords(time=("sample", time, {"units": "s"}))
-    return TapSet(dataset, taps.extremes)
+    return TapSet(dataset, taps.scanned)
 
 
 def _at_rate(record: Preprocessing, rate_hz: float) -> Preprocessing:

@@ -170,15 +170,6 @@ def test_parts_join_to_the_whole(make_taps):
     xr.testing.assert_equal(taps.dataset, whole.dataset)
 
 
-def test_samples_may_be_missing_where_they_may_in_a_part(make_taps):
-    taps = make_taps()
-    gaps = TapSet(put("taps", (3, slice(None), 1), np.nan)(taps.dataset).assign_attrs(missing="drop"))
-    for parts in ([taps, gaps], [gaps, taps]):
-        whole = concatenate(parts)
-        assert whole.missing == "drop"
-        np.testing.assert_array_equal(whole.extremes, TapSet(whole.dataset).extremes)
-
-
 @pytest.mark.parametrize(
     ("other", "message"),
     [

@@ -157,8 +157,9 @@ def _sources(train: TapSet, test: TapSet, before: Before) -> dict[str, tuple[Tap
 
 def _tared(taps: TapSet, first: int) -> Variable | NDArray[np.floating]:
     """Samples less the mean of the first ones, in memory or to be read."""
+    large = taps.scanned is not None
     samples = taps.samples
-    return TaredSamples(samples, first, samples.dtype).variable(samples) if taps.large else tared(taps.taps, first)
+    return TaredSamples(samples, first, samples.dtype).variable(samples) if large else tared(taps.taps, first)
 
 
 def with_samples(taps: TapSet, samples: Variable | NDArray[np.floating]) -> TapSet:

@@ -79,8 +79,8 @@ def test_large_recordings_stay_on_disk(samples, tmp_path, monkeypatch):
     large = TapSet.load(tmp_path / "a.nc", "drop")
     chosen = with_taxels(large, usable_taxels(large).used)
 
-    assert chosen.large
-    np.testing.assert_array_equal(chosen.extremes, large.extremes[:, :, [0, 2]])
+    assert chosen.scanned is not None
+    np.testing.assert_array_equal(chosen.scanned, large.scanned[:, :, [0, 2]])
     np.testing.assert_array_equal(chosen.taps, samples[:, :, [0, 2]])
 
 

@@ -116,7 +116,7 @@ def tables(make_taps, writers, tmp_path, monkeypatch):
 
 
 def same(large, expected):
-    assert large.large
+    assert large.scanned is not None
     np.testing.assert_array_equal(large.samples.values, expected.taps)
     for name in ("what", "where", "session", "trial", "force"):
         np.testing.assert_array_equal(large.dataset[name].values, expected.dataset[name].values)

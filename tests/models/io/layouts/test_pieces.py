@@ -74,7 +74,7 @@ def test_samples_of_a_large_file_are_scaled_there(tmp_path, monkeypatch):
     with monkeypatch.context() as patched:
         patched.setattr(TapSet, "taps", property(lambda _: pytest.fail("all samples were asked for")))
         taps = load_mapped(tmp_path / "a.npz", TapMap(taps="x", scale=0.5)).taps
-    assert taps.large
+    assert taps.scanned is not None
     assert taps.taps.tolist() == (TAPS / 2).tolist()
 
 
