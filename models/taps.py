@@ -463,6 +463,8 @@ class TapSet:
 def concatenate(parts: Sequence[TapSet], names: Sequence[str] | None = None) -> TapSet:
     """One tap set from several with the same objects and preprocessing, with all their positions.
 
+    Samples may be missing in it if they may in one of them.
+
     Args:
         parts: The tap sets; other tables than that of positions are those of the first.
         names: Their names for messages.
@@ -477,6 +479,7 @@ def concatenate(parts: Sequence[TapSet], names: Sequence[str] | None = None) -> 
     large = any(part.scanned is not None for part in parts)
     datasets = [part.dataset.drop_vars("taps") if large else part.dataset for part in parts]
     dataset = xr.concat(datasets, dim="tap", data_vars="minimal", coords="minimal", compat="override")
+    dataset = dataset.assign_attrs(_marked("drop" if any(part.missing == "drop" for part in parts) else "refuse"))
     if not large:
         return TapSet(dataset)
     dataset = dataset.assign(taps=joined_samples([part.samples for part in parts]))

@@ -170,6 +170,13 @@ def test_parts_join_to_the_whole(make_taps):
     xr.testing.assert_equal(taps.dataset, whole.dataset)
 
 
+def test_samples_may_be_missing_where_they_may_in_a_part(make_taps):
+    taps = make_taps()
+    gaps = TapSet(put("taps", (3, slice(None), 1), np.nan)(taps.dataset).assign_attrs(missing="drop"))
+    for parts in ([taps, gaps], [gaps, taps]):
+        assert concatenate(parts).missing == "drop"
+
+
 @pytest.mark.parametrize(
     ("other", "message"),
     [
