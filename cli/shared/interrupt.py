@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
 
-from .process import keep_memory, kept
+from .process import keep_memory, kept, without_arrow
 
 INTERRUPTED = 130  # exit code, as in shells and Typer
 TERMINATED = 143
@@ -26,7 +26,7 @@ def loading() -> Iterator[None]:
     """
     before = {number: signal.signal(number, _end) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        with kept():
+        with kept(), without_arrow():
             yield
         keep_memory()
     finally:

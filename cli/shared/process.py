@@ -82,6 +82,20 @@ def kept() -> Iterator[None]:
             gc.enable()
 
 
+@contextmanager
+def without_arrow() -> Iterator[None]:
+    """Hides pyarrow inside, unless it is imported already: pandas loads it if it is installed, for nothing here."""
+    hidden = not {"pandas", "pyarrow"} & sys.modules.keys()
+    modules: dict[str, Any] = sys.modules
+    if hidden:
+        modules["pyarrow"] = None  # makes imports of it fail
+    try:
+        yield
+    finally:
+        if hidden:
+            del modules["pyarrow"]
+
+
 def switch_often() -> None:
     """Makes threads of Python take turns each millisecond: those back from compiled loops would wait five."""
     sys.setswitchinterval(0.001)

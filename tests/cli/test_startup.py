@@ -7,7 +7,10 @@ from typing import NamedTuple
 
 import pytest
 
-SLOW = {"jax", "numpyro", "funsor", "numba", "matplotlib", "arviz", "scipy", "dask", "distributed", "zarr", "sklearn"}
+SLOW = {
+    *("jax", "numpyro", "funsor", "numba", "matplotlib", "arviz", "scipy", "dask", "distributed", "pyarrow", "zarr"),
+    "sklearn",
+}
 MODELS = ("histogram", "profile", "session")
 
 RUN = """
