@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...inference.tuning.tempering import best_power, learn_saturation
+from ...inference.tuning.tempering import best_power, judged_sets, learn_saturation
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
 from ...models.measurement.histogram import trim
@@ -188,8 +188,9 @@ def beside_right(
 
     def again(sets: Sequence[TapSet]) -> Sequence[float]:
         model = _fit(base.setting, sets[0], base.grid)
-        falling = learn_saturation(model, sets[1:], seed=seed)
-        return best_power(model, sets[1:], n, seed).power, falling.power, falling.saturation
+        judged = judged_sets(model, sets[1:])
+        falling = learn_saturation(model, judged, seed=seed)
+        return best_power(model, judged, n, seed).power, falling.power, falling.saturation
 
     found = simulate_tuned(base.model, [train, *tune], again, 3, seed, simulations, advance)
     columns, beside = {EXPONENT: [0], FALLING: [1, 2]}, {}

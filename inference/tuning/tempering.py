@@ -101,6 +101,18 @@ class LearnedSaturation(NamedTuple):
         )
 
 
+class JudgedSets(NamedTuple):
+    """Held-out taps with their likelihoods.
+
+    Attributes:
+        sessions: The number of each session.
+        judged: Its taps.
+    """
+
+    sessions: tuple[int, ...]
+    judged: list[JudgedSession]
+
+
 def fit_tempered(
     name: str,
     taps: TapSet,
@@ -178,7 +190,7 @@ def learn_power(
     return _best(sequences, tuple(used), n)
 
 
-def best_power(model: TapModel, held_out: Sequence[TapSet], n: int, seed: int) -> LearnedPower:
+def best_power(model: TapModel, held_out: Sequence[TapSet] | JudgedSets, n: int, seed: int) -> LearnedPower:
     """Exponent with the highest mean log belief in the true class of taps that did not train the model.
 
     As `learn_power`, for a model that is fitted already: whatever its own power is, the exponent is that of its
@@ -186,7 +198,7 @@ def best_power(model: TapModel, held_out: Sequence[TapSet], n: int, seed: int) -
 
     Args:
         model: The fitted model.
-        held_out: Taps of one session or more; sequences are of one session each.
+        held_out: Taps of one session or more, or what `judged_sets` gives for them; sequences are of one session each.
         n: Taps of a sequence; a class with fewer in a session gives them all.
         seed: Random seed of the sequences.
 
@@ -195,14 +207,14 @@ def best_power(model: TapModel, held_out: Sequence[TapSet], n: int, seed: int) -
             otherwise, or there are no taps in a sequence.
     """
     _check_length(n)
-    sessions, judged = _judged(model, held_out)
+    sessions, judged = held_out if isinstance(held_out, JudgedSets) else judged_sets(model, held_out)
     parts = zip(sessions, judged, strict=True)
     sequences = [Sequences.draw(one, n, seed, session) for session, one in parts]
     return _best(sequences, sessions, n)._replace(in_turn=False)
 
 
 def learn_saturation(
-    model: TapModel, held_out: Sequence[TapSet], contacts: Sequence[int] = CONTACTS, seed: int = 0
+    model: TapModel, held_out: Sequence[TapSet] | JudgedSets, contacts: Sequence[int] = CONTACTS, seed: int = 0
 ) -> LearnedSaturation:
     """Exponent and saturation with the highest mean log belief in the true class of held-out taps.
 
@@ -213,7 +225,7 @@ def learn_saturation(
 
     Args:
         model: The fitted model; the exponent is that of its likelihood at power 1, whatever its own power is.
-        held_out: Taps that did not train it, of one session or more.
+        held_out: Taps that did not train it, of one session or more, or what `judged_sets` gives for them.
         contacts: Numbers of taps of a sequence.
         seed: Random seed of the sequences.
 
@@ -225,7 +237,7 @@ def learn_saturation(
         raise InputError("contacts must have at least one number of taps.")
     for n in contacts:
         _check_length(n)
-    sessions, judged = _judged(model, held_out)
+    sessions, judged = held_out if isinstance(held_out, JudgedSets) else judged_sets(model, held_out)
     sequences: list[list[Sequences]] = []
     for n in contacts:
         parts = zip(sessions, judged, strict=True)
@@ -317,8 +329,8 @@ def _usable(model: TapModel, taps: TapSet) -> TapSet | None:
     return taps.select(known) if known.any() else None
 
 
-def _judged(model: TapModel, held_out: Sequence[TapSet]) -> tuple[tuple[int, ...], list[JudgedSession]]:
-    """Every session of every set, and its number."""
+def judged_sets(model: TapModel, held_out: Sequence[TapSet]) -> JudgedSets:
+    """What `best_power` and `learn_saturation` need of held-out taps; raises as they do."""
     sessions, judged = [], []
     for taps in held_out:
         model.check_taps(taps.preprocessing)
@@ -332,7 +344,7 @@ def _judged(model: TapModel, held_out: Sequence[TapSet]) -> tuple[tuple[int, ...
             judged.append(JudgedSession.by(model, own))
     if not judged:
         raise InputError("No held-out tap belongs to a trained class, so nothing can be learned.")
-    return tuple(sessions), judged
+    return JudgedSets(tuple(sessions), judged)
 
 
 def _best(sequences: list[Sequences], sessions: tuple[int, ...], n: int) -> LearnedPower:
