@@ -141,8 +141,10 @@ class Series(NamedTuple):
         linear = self.product + weight * gap * self.before
         quadratic = self.square_before + weight * self.before**2
         K, out = len(rho), np.empty_like(rho)
-        rows = (np.ascontiguousarray(each).reshape(-1, K) for each in (constant, linear, quadratic, cells.a))
-        log_evidence(rho, *rows, np.broadcast_to(prior.b, K).astype(np.float64), out)
+        constant, linear, quadratic, shape = (
+            np.ascontiguousarray(each).reshape(-1, K) for each in (constant, linear, quadratic, cells.a)
+        )
+        log_evidence(rho, constant, linear, quadratic, shape, np.broadcast_to(prior.b, K).astype(np.float64), out)
         return out
 
 
