@@ -3,13 +3,12 @@
 import errno
 import os
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, nullcontext
 from functools import cache
 from typing import Annotated, Any, NoReturn
 
 from .shared.interrupt import INTERRUPTED, MESSAGE, TERMINATED, loading, repeated, terminable
-from .shared.process import collect_seldom, keep_programs, leave, switch_often
+from .shared.process import collect_seldom, keep_programs, leave, switch_often, without
 
 with loading():
     import typer
@@ -178,20 +177,11 @@ def _print_place(error: BaseException | None) -> None:
         error = error.__cause__ or error.__context__
 
 
-@contextmanager
-def _without_dask() -> Iterator[None]:
+def _without_dask() -> AbstractContextManager[None]:
     """Hides dask inside the block, unless a sweep or a cluster needs it or xarray or dask is already imported.
 
     xarray imports dask if it is installed, even for plain arrays, which takes as long as a short command. It does so
     on its own import, so dask must not be hidden after that.
     """
-    modules: dict[str, Any] = sys.modules
     needed = any(word == "sweep" or word.startswith("--scheduler") for word in sys.argv)
-    hidden = not needed and not {"dask", "xarray"} & modules.keys()
-    if hidden:
-        modules["dask"] = None  # makes imports of it fail
-    try:
-        yield
-    finally:
-        if hidden:
-            del modules["dask"]
+    return nullcontext() if needed else without("dask", "xarray")

@@ -83,17 +83,17 @@ def kept() -> Iterator[None]:
 
 
 @contextmanager
-def without_arrow() -> Iterator[None]:
-    """Hides pyarrow inside, unless it is imported already: pandas loads it if it is installed, for nothing here."""
-    hidden = not {"pandas", "pyarrow"} & sys.modules.keys()
+def without(module: str, user: str) -> Iterator[None]:
+    """Hides a module inside, unless it or the one that would load it for nothing is imported already."""
     modules: dict[str, Any] = sys.modules
+    hidden = not {module, user} & modules.keys()
     if hidden:
-        modules["pyarrow"] = None  # makes imports of it fail
+        modules[module] = None  # makes imports of it fail
     try:
         yield
     finally:
         if hidden:
-            del modules["pyarrow"]
+            del modules[module]
 
 
 def switch_often() -> None:
