@@ -195,7 +195,8 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
             classes,
         )
         draw_ahead(_figures_of_tests(parts, leaks, taxels, times))
-        base = no_change(setting, parts.train, grid)
+        with clock.stage("Fitting the setting in use"):
+            base = no_change(setting, parts.train, grid)
         parted = clock.beside(
             threads, "Decomposing the variance", lambda _: _split(parts, grid, base, settings, suspects)
         )
