@@ -87,9 +87,9 @@ class GaussianForm(NamedTuple):
         mean = self.whitened_mean()
         Q, L, H, J, K = mean.shape
         return PreparedGaussian(
-            mean=np.ascontiguousarray(mean.reshape(Q, L * H, J, K)),
+            mean=np.ascontiguousarray(mean.reshape(Q, L * H, J, K).mT),
             taxel=np.ascontiguousarray(np.concatenate(self.taxel)),
-            scale=np.ascontiguousarray(self.scale.reshape(Q, L * H, J, K)),
+            per_scale=np.ascontiguousarray(1 / self.scale.reshape(Q, L * H, J, K).mT),
             time=np.ascontiguousarray(self.time),
             log_weight=self.log_weight,
             impossible=impossible,
@@ -150,9 +150,9 @@ class PreparedGaussian(NamedTuple):
     """Precomputed `GaussianForm`, with C = L H.
 
     Attributes:
-        mean: Whitened in time, shape (Q, C, J, K).
+        mean: Whitened in time, shape (Q, C, K, J).
         taxel: W, shape (C, K, K), or (1, 0, 0) for independent taxels.
-        scale: Shape (Q, C, J, K).
+        per_scale: One over the standard deviations, shape (Q, C, K, J).
         time: V, shape (G, J, J).
         log_weight: Shape (Q,).
         impossible: Hypotheses with likelihood 0, shape (L, H).
@@ -160,7 +160,7 @@ class PreparedGaussian(NamedTuple):
 
     mean: NDArray[np.float64]
     taxel: NDArray[np.float64]
-    scale: NDArray[np.float64]
+    per_scale: NDArray[np.float64]
     time: NDArray[np.float64]
     log_weight: NDArray[np.float64]
     impossible: NDArray[np.bool_]
@@ -198,7 +198,7 @@ class PreparedGaussian(NamedTuple):
                 np.pad(part, ((0, 0), (0, 1)), constant_values=end) for part, end in ((lower, -np.inf), (upper, np.inf))
             )
         part = np.empty((self.mean.shape[1], len(taps)))
-        given = bins.astype(np.uint32, order="C"), lower, upper, self.mean, self.scale, self.log_weight, part
+        given = bins.astype(np.uint32, order="C"), lower, upper, self.mean, self.per_scale, self.log_weight, part
         tasks = (partial(independent_log_probability, c, *given) for c in range(len(part)))
         list(in_order(tasks, cores(None) if taps.size > _FEW else 1))
         return np.where(self.impossible, -np.inf, part.T.reshape(-1, *self.impossible.shape))
@@ -223,8 +223,8 @@ class PreparedGaussian(NamedTuple):
         for c in range(out.shape[1]):
             taxel = self.taxel[c if len(self.taxel) > 1 else 0]
             for q, log_weight in enumerate(self.log_weight):
-                innovation = (samples - self.mean[q, c, 0]) @ taxel.T
-                vectors_log_probability(innovation, below, above, self.scale[q, c, 0], parts[q])
+                innovation = (samples - self.mean[q, c, :, 0]) @ taxel.T
+                vectors_log_probability(innovation, below, above, self.per_scale[q, c, :, 0], parts[q])
                 parts[q] += log_weight
             out[:, c] = np.logaddexp.reduce(parts, axis=0)
 

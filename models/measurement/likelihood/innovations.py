@@ -16,6 +16,8 @@ from ...elementary import LEAST, exponential, logarithm
 
 _ROOT_HALF = math.sqrt(0.5)
 _SMALL = 1e-150  # products above it can take one more factor without leaving the range of float64
+_MANTISSA, _ONE = (1 << 52) - 1, 1023 << 52  # of the bits of a number; the exponent of 1
+_LOG_TWO = math.log(2)
 _AT_ONCE = 256  # intervals that are computed together, so that they stay in cache
 _NARROW = 0.01  # widths, times the distance to 0 if that is above 1, for which three terms of a series are exact
 _DENSITY = 1 / math.sqrt(2 * math.pi)
@@ -96,161 +98,163 @@ def log_probabilities(lower, upper, out):
 def total_log_probability(a, b, near, factor):
     """Sum of the log probabilities of a standard normal in intervals, see `intervals`."""
     intervals(a, b, near, factor)
-    total, product = 0.0, 1.0
+    total, exponents = 0.0, 0
     for i in range(a.size):
         total -= 0.5 * near[i] * near[i]
-    for i in range(a.size):
-        product *= factor[i]
-        if product < _SMALL:
-            total += math.log(product)
-            product = 1.0
-    return total + math.log(product)
+    for start in range(0, a.size, _AT_ONCE):  # mantissas below 2, whose product stays in the range of float64
+        some, product = factor[start : start + _AT_ONCE], 1.0
+        for i in range(some.size):
+            word = np.float64(some[i]).view(np.int64)
+            exponents += word >> 52
+            product *= np.int64(word & _MANTISSA | _ONE).view(np.float64)
+        total += math.log(product)
+    return total + (exponents - 1023 * a.size) * _LOG_TWO
 
 
 @compiled
-def whiten_time(tap, time, out):
-    """Multiplies the samples of each taxel by a unit lower triangular matrix.
-
-    Args:
-        tap: Shape (J, K).
-        time: Shape (J, J) for all taxels or (K, J, J) for each, as (G, J, J).
-        out: Shape (J, K).
-    """
-    J, K = tap.shape
-    shared = len(time) == 1
+def taxels_first(samples, out):
+    """Writes samples (J, K) to `out` (J K,), where the times of each taxel lie together for vector instructions."""
+    J, K = samples.shape
     for j in range(J):
         for k in range(K):
-            out[j, k] = tap[j, k]
-    for j in range(1, J):
-        for i in range(j):
-            if shared:
-                weight = time[0, j, i]
-                if weight != 0:
-                    for k in range(K):
-                        out[j, k] += weight * tap[i, k]
-            else:
-                for k in range(K):
-                    out[j, k] += time[k, j, i] * tap[i, k]
+            out[k * J + j] = samples[j, k]
 
 
 @compiled
-def whiten_taxels(tap, taxel, room, J):
+def mixes_times(time):
+    """Whether unit lower triangular matrices, shape (G, J, J), do anything."""
+    J = time.shape[1]
+    for own in time:
+        for j in range(1, J):
+            for i in range(j):
+                if own[j, i] != 0:
+                    return True
+    return False
+
+
+@compiled
+def whiten_time(tap, time):
+    """Multiplies the samples of each taxel by a unit lower triangular matrix, in place.
+
+    Args:
+        tap: See `taxels_first`.
+        time: Shape (J, J) for all taxels or (K, J, J) for each, as (G, J, J).
+    """
+    J = time.shape[1]
+    for k in range(tap.size // J):
+        own, matrix = tap[k * J : (k + 1) * J], time[k if len(time) > 1 else 0]
+        for j in range(J - 1, 0, -1):
+            row, total = matrix[j], own[j]
+            for i in range(j):
+                total += row[i] * own[i]
+            own[j] = total
+
+
+@compiled
+def whiten_taxels(tap, taxel):
     """Multiplies the K samples of each time by a unit lower triangular matrix, in place.
 
     Args:
-        tap: Shape (J K,).
+        tap: See `taxels_first`.
         taxel: Shape (K, K).
-        room: Room for J K numbers; the times of each taxel lie together there, so that loops use vector instructions.
-        J: Number of times.
     """
     K = len(taxel)
-    if J == 1:
-        for k in range(K - 1, 0, -1):
-            total = tap[k]
+    J = tap.size // K
+    for k in range(K - 1, 0, -1):
+        own = tap[k * J : (k + 1) * J]
+        if J == 1:
+            total = own[0]
             for i in range(k):
                 total += taxel[k, i] * tap[i]
-            tap[k] = total
-        return
-    for k in range(K):
-        for j in range(J):
-            room[k * J + j] = tap[j * K + k]
-    for k in range(K - 1, 0, -1):
-        own = room[k * J : (k + 1) * J]
-        for i in range(k):
-            weight, other = taxel[k, i], room[i * J : (i + 1) * J]
-            for j in range(J):
-                own[j] += weight * other[j]
-    for k in range(K):
-        for j in range(J):
-            tap[j * K + k] = room[k * J + j]
+            own[0] = total
+        else:
+            for i in range(k):
+                weight, other = taxel[k, i], tap[i * J : (i + 1) * J]
+                for j in range(J):
+                    own[j] += weight * other[j]
 
 
 @compiled
-def tap_log_probability(whitened, below, above, mean, taxel, scale, room):
+def tap_log_probability(whitened, below, above, mean, taxel, per_scale, room):
     """Log probability of the bins of one tap under one Gaussian.
 
+    All samples are as `taxels_first` gives them.
+
     Args:
-        whitened: The tap, whitened in time, shape (J, K).
-        below: Lower edge of each sample's bin minus the sample, shape (J, K).
+        whitened: The tap, whitened in time, shape (J K,).
+        below: Lower edge of each sample's bin minus the sample, likewise.
         above: Upper edge minus the sample, likewise.
-        mean: Mean of the whitened tap, shape (J, K).
+        mean: Mean of the whitened tap, likewise.
         taxel: Unit lower triangular matrix that whitens across taxels, shape (K, K), or (0, 0) for none.
-        scale: Standard deviation of each innovation, shape (J, K).
+        per_scale: One over the standard deviation of each innovation, shape (J K,).
         room: Room for 5 J K numbers, shape (5, J K).
     """
-    J, K = whitened.shape
-    n = J * K
     innovation, a, b = room[0], room[1], room[2]
-    flat, centre, spread, down, up = (
-        whitened.reshape(n),
-        mean.reshape(n),
-        scale.reshape(n),
-        below.reshape(n),
-        above.reshape(n),
-    )
-    for i in range(n):
-        innovation[i] = flat[i] - centre[i]
+    for i in range(whitened.size):
+        innovation[i] = whitened[i] - mean[i]
     if len(taxel) > 0:
-        whiten_taxels(innovation, taxel, a, J)
-    for i in range(n):
-        per_spread = 1 / spread[i]
-        a[i] = (down[i] + innovation[i]) * per_spread
-        b[i] = (up[i] + innovation[i]) * per_spread
+        whiten_taxels(innovation, taxel)
+    for i in range(whitened.size):
+        a[i] = (below[i] + innovation[i]) * per_scale[i]
+        b[i] = (above[i] + innovation[i]) * per_scale[i]
     return total_log_probability(a, b, room[3], room[4])
 
 
 @compiled
-def class_log_probability(taps, below, above, mean, taxel, scale, time, log_weight, out):
+def class_log_probability(taps, below, above, mean, taxel, per_scale, time, log_weight, out):
     """Log probability of the bins of every tap under every class, each a mixture of Q Gaussians.
 
     Args:
         taps: Shape (n, J, K).
         below: Lower edge of each sample's bin minus the sample, shape (n, J, K).
         above: Upper edge minus the sample, likewise.
-        mean: Means whitened in time, shape (Q, C, J, K).
+        mean: Means whitened in time, shape (Q, C, K, J).
         taxel: Shape (C, K, K), (1, K, K) for all alike or (1, 0, 0) for none.
-        scale: Shape (Q, C, J, K).
+        per_scale: One over the standard deviation of each innovation, shape (Q, C, K, J).
         time: Shape (G, J, J).
         log_weight: Log weights of the mixture, shape (Q,).
         out: Receives the result, shape (n, C).
     """
-    n, J, K = taps.shape
-    Q, C = mean.shape[:2]
-    whitened, parts, room = np.empty((J, K)), np.empty(Q), np.empty((5, J * K))
-    for i in range(n):
-        whiten_time(taps[i], time, whitened)
+    (Q, C), size, mixed = mean.shape[:2], taps[0].size, mixes_times(time)
+    centre, spread = mean.reshape(Q, C, size), per_scale.reshape(Q, C, size)
+    tap, parts, room = np.empty((3, size)), np.empty(Q), np.empty((5, size))
+    for i in range(len(taps)):
+        taxels_first(taps[i], tap[0])
+        taxels_first(below[i], tap[1])
+        taxels_first(above[i], tap[2])
+        if mixed:
+            whiten_time(tap[0], time)
         for c in range(C):
             mix = taxel[c if len(taxel) > 1 else 0]
             for q in range(Q):
                 parts[q] = log_weight[q] + tap_log_probability(
-                    whitened, below[i], above[i], mean[q, c], mix, scale[q, c], room
+                    tap[0], tap[1], tap[2], centre[q, c], mix, spread[q, c], room
                 )
             out[i, c] = log_sum(parts)
 
 
 @compiled
-def vectors_log_probability(innovation, below, above, scale, out):
+def vectors_log_probability(innovation, below, above, per_scale, out):
     """Log probability of the bins of taps of one sample under one Gaussian.
 
     Args:
         innovation: Of all taxels, shape (n, K).
         below: Lower edge of each sample's bin minus the sample, likewise.
         above: Upper edge minus the sample, likewise.
-        scale: Standard deviation of each innovation, shape (K,).
+        per_scale: One over the standard deviation of each innovation, shape (K,).
         out: Receives the result, shape (n,).
     """
     n, K = innovation.shape
     room = np.empty((4, K))
     for i in range(n):
         for k in range(K):
-            per_spread = 1 / scale[k]
-            room[0, k] = (below[i, k] + innovation[i, k]) * per_spread
-            room[1, k] = (above[i, k] + innovation[i, k]) * per_spread
+            room[0, k] = (below[i, k] + innovation[i, k]) * per_scale[k]
+            room[1, k] = (above[i, k] + innovation[i, k]) * per_scale[k]
         out[i] = total_log_probability(room[0], room[1], room[2], room[3])
 
 
 @compiled
-def independent_log_probability(c, bins, lower, upper, mean, scale, log_weight, out):
+def independent_log_probability(c, bins, lower, upper, mean, per_scale, log_weight, out):
     """`class_log_probability` for class c with independent samples; the log probability of a bin is computed once.
 
     Args:
@@ -258,8 +262,8 @@ def independent_log_probability(c, bins, lower, upper, mean, scale, log_weight, 
         bins: Bins of all samples, shape (J, K, n).
         lower: Lower edge of each bin, -inf for the first of a taxel, shape (K, B).
         upper: Upper edge of each bin, inf for the last of a taxel, shape (K, B).
-        mean: Shape (Q, C, J, K).
-        scale: Shape (Q, C, J, K).
+        mean: Shape (Q, C, K, J).
+        per_scale: One over the standard deviation, shape (Q, C, K, J).
         log_weight: Log weights of the mixture, shape (Q,).
         out: Receives the result in row c, shape (C, n).
     """
@@ -272,8 +276,8 @@ def independent_log_probability(c, bins, lower, upper, mean, scale, log_weight, 
         for j in range(J):
             for k in range(K):
                 for b in range(B):
-                    room[0, b] = (lower[k, b] - mean[q, c, j, k]) / scale[q, c, j, k]
-                    room[1, b] = (upper[k, b] - mean[q, c, j, k]) / scale[q, c, j, k]
+                    room[0, b] = (lower[k, b] - mean[q, c, k, j]) * per_scale[q, c, k, j]
+                    room[1, b] = (upper[k, b] - mean[q, c, k, j]) * per_scale[q, c, k, j]
                 intervals(room[0], room[1], room[2], room[3])
                 for b in range(B):
                     log_probability[b] = math.log(room[3, b]) - 0.5 * room[2, b] * room[2, b]
@@ -285,25 +289,27 @@ def independent_log_probability(c, bins, lower, upper, mean, scale, log_weight, 
 
 @compiled
 def true_class_log_probability(taps, below, above, own, mean, taxel, scale, time, log_weight, out):
-    """`class_log_probability` of each tap under its own class `own`, shape (n,), but with means as they are.
+    """`class_log_probability` of each tap under its own class `own`, shape (n,), with parameters as of a form.
 
-    `out` has shape (n,).
+    `mean`, as it is, and `scale` have shape (Q, C, J, K), `out` (n,).
     """
-    n, J, K = taps.shape
-    Q = len(mean)
-    centred, whitened, nothing = np.empty((J, K)), np.empty((J, K)), np.zeros((J, K))
-    parts, room = np.empty(Q), np.empty((5, J * K))
+    (n, J, K), mixed = taps.shape, mixes_times(time)
+    Q, size = len(mean), J * K
+    tap, nothing = np.empty((4, size)), np.zeros(size)
+    parts, room = np.empty(Q), np.empty((5, size))
     for i in range(n):
         c = own[i]
         mix = taxel[c if len(taxel) > 1 else 0]
+        taxels_first(below[i], tap[1])
+        taxels_first(above[i], tap[2])
         for q in range(Q):
             for j in range(J):
                 for k in range(K):
-                    centred[j, k] = taps[i, j, k] - mean[q, c, j, k]
-            whiten_time(centred, time, whitened)
-            parts[q] = log_weight[q] + tap_log_probability(
-                whitened, below[i], above[i], nothing, mix, scale[q, c], room
-            )
+                    tap[0, k * J + j] = taps[i, j, k] - mean[q, c, j, k]
+                    tap[3, k * J + j] = 1 / scale[q, c, j, k]
+            if mixed:
+                whiten_time(tap[0], time)
+            parts[q] = log_weight[q] + tap_log_probability(tap[0], tap[1], tap[2], nothing, mix, tap[3], room)
         out[i] = log_sum(parts)
 
 
