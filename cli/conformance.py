@@ -106,9 +106,9 @@ def run_engines(
 
     passed = True
     for name in (engine,) if engine else ROUTES:
-        print(f"Engine {name}")
         with bars() as progress:
             report = run_engine(name, case or (), levels=level or (), kit=kit, progress=progress)
+        print(f"Engine {name}")
         passed &= _printed(report, verbose)
     if not passed:
         raise typer.Exit(1)
@@ -145,7 +145,9 @@ def check(
     causes: Annotated[
         bool, Option("--causes/--no-causes", help="Look for likely causes, which takes longer the more cases differ.")
     ] = True,
-    timeout: Annotated[float, Option(min=0.1, help="Time limit per case in seconds.")] = 10.0,
+    timeout: Annotated[
+        float | None, Option(min=0.1, help="Time limit per case in seconds; default: 10.", show_default=False)
+    ] = None,
     together: Annotated[bool, Option("--together", help="Start the program once for all cases.")] = False,
     report_as: Annotated[
         Literal["json", "junit"] | None,
@@ -169,8 +171,9 @@ def check(
 
     if (command is None) == (answers is None):
         raise InputError("Give either --command PROGRAM or --answers DIR.")
-    if together and command is None:
-        raise InputError("--together starts a program and does not go with --answers.")
+    for option, does, given in (("together", "starts", together), ("timeout", "stops", timeout is not None)):
+        if given and answers is not None:
+            raise InputError(f"--{option} {does} a program and does not go with --answers.")
     if report_file is not None:
         if report_as is None:
             raise InputError("--report-file needs --report json or --report junit.")
@@ -186,8 +189,9 @@ def check(
         if answers is not None:
             report = run_files(answers, case or (), **how, progress=progress)
         else:
+            seconds = 10.0 if timeout is None else timeout
             report = run_program(
-                command or "", case or (), **how, timeout=timeout, together=together, progress=progress
+                command or "", case or (), **how, timeout=seconds, together=together, progress=progress
             )
     if report_as is None or report_file is not None:
         _printed(report, verbose)

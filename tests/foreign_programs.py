@@ -46,6 +46,7 @@ NAMES = [
     "transposed-tap",
     "holes-entered",
     "stays-when-decided",
+    "rounded",
 ]
 
 

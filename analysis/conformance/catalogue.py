@@ -36,11 +36,9 @@ class Kit:
         Raises:
             InputError: There is no such case or level.
         """
-        for what, given in (("names", names), ("levels", levels)):
-            if isinstance(given, str):
-                raise InputError(f"{what} must be a list, got the text {given!r}.")
+        names, levels = listed("names", names), listed("levels", levels)
         for name in names:
-            if name not in self.cases:
+            if not isinstance(name, str) or name not in self.cases:
                 raise InputError(f"case {name}: there is no such case; `solidtouch conformance list` shows all.")
         for level in levels:
             if level not in LEVELS:
@@ -49,6 +47,17 @@ class Kit:
             return list(self.cases.values())
         named = [self.cases[name] for name in dict.fromkeys(names)]
         return named + [case for case in self.cases.values() if case.level in levels and case.name not in names]
+
+
+def listed(argument: str, given: Iterable[str]) -> tuple[str, ...]:
+    """What an argument lists.
+
+    Raises:
+        InputError: It is a text or no list.
+    """
+    if isinstance(given, str | bytes) or not isinstance(given, Iterable):
+        raise InputError(f"{argument} must be a list, got {given!r}.")
+    return tuple(given)
 
 
 @lru_cache(maxsize=1)

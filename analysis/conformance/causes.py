@@ -2,14 +2,19 @@
 
 A mistake that explains one case may explain many; the likeliest cause of a case is the one that explains most.
 One that would fail a case which the program passes is none.
+That numbers are rounded is seen in their digits.
 """
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from decimal import Decimal
 from functools import partial
+from typing import Any
 
-from .answers import OPTIONAL
+import numpy as np
+
+from .answers import ARRAYS, OPTIONAL, Answer
 from .case import Case
 from .catalogue import expected
 from .comparison import first_difference
@@ -19,6 +24,10 @@ from .tolerance import Precision, tolerances
 from .verdict import Verdict
 
 _CHEAP = 20_000  # steps of a case for which every mistake is tried
+_NUMBERS = ("edges", *ARRAYS, "log_evidence", "information")
+_FORMS = ("significant digits", "decimals")
+_FEWEST_DIGITS = 2  # one that fits is no evidence
+_MOST_DIGITS = 15  # a double keeps them
 
 
 def with_causes(
@@ -44,12 +53,15 @@ def with_causes(
     told_of = {name for v in verdicts for answer in v.answers for name in answer.values}
     silent = (*without, *(name for name in OPTIONAL if name not in told_of))
     witnesses = _Witnesses([case for case in passed if _size(case, len(case.taps)) <= _CHEAP], precision, silent)
+    digits = _rounded(wrong, cases, precision)
     causes: dict[str, set[str]] = {}
     counts: Counter[str] = Counter()
     for verdict in wrong:
         ranked = sorted(MISTAKES, key=lambda mistake: -counts[mistake.name])
         every = _steps(cases[verdict.case], verdict) <= _CHEAP
         causes[verdict.case] = _causes(cases[verdict.case], verdict, ranked, every, precision, without, witnesses)
+        if verdict.case in digits:
+            causes[verdict.case].add("rounded")
         counts.update(causes[verdict.case])
         told(1)
     order = [mistake.name for mistake in MISTAKES]
@@ -58,7 +70,61 @@ def with_causes(
         names = causes.get(verdict.case, set())
         return min(names, key=lambda name: (-counts[name], order.index(name)), default=verdict.cause)
 
-    return [replace(verdict, cause=likeliest(verdict)) for verdict in verdicts]
+    chosen = [replace(verdict, cause=likeliest(verdict)) for verdict in verdicts]
+    return [replace(v, digits=digits[v.case]) if v.cause == "rounded" else v for v in chosen]
+
+
+def _rounded(wrong: Sequence[Verdict], cases: Mapping[str, Case], precision: Precision) -> dict[str, str]:
+    """The digits to which numbers are rounded, by case, where that explains what is wrong.
+
+    No number of the quantity has more; of several forms the one that explains most cases counts.
+    """
+    most = {name: digits for name in _NUMBERS if (digits := _most_digits(wrong, name))[0] <= _MOST_DIGITS}
+    forms = {(form, n) for digits in most.values() for form, n in zip(_FORMS, digits, strict=True)}
+    fits = {
+        verdict.case: [
+            (form, n)
+            for form, n in forms
+            if n >= max(most[verdict.quantity][_FORMS.index(form)], _FEWEST_DIGITS)
+            and _rounds(cases[verdict.case], verdict, form, n, precision)
+        ]
+        for verdict in wrong
+        if verdict.quantity in most
+    }
+    counts = Counter(form for found in fits.values() for form in found)
+    likeliest = {case: max(found, key=lambda form: (counts[form], form)) for case, found in fits.items() if found}
+    return {case: f"{n} {form}" for case, (form, n) in likeliest.items()}
+
+
+def _most_digits(wrong: Sequence[Verdict], quantity: str) -> tuple[int, int]:
+    """Most significant digits and decimals of a quantity, up to the first number with more than rounding leaves."""
+    significant = decimals = 0
+    told = (a for v in wrong if v.quantity == quantity for a in v.answers if a.tap <= v.found.tap)
+    for number in (x for a in told for x in np.ravel(a.values.get(quantity, [])).tolist() if np.isfinite(x)):
+        _, digits, exponent = Decimal(repr(number)).normalize().as_tuple()
+        significant, decimals = max(significant, len(digits)), max(decimals, -int(exponent))
+        if significant > _MOST_DIGITS:
+            break
+    return significant, decimals
+
+
+def _rounds(case: Case, verdict: Verdict, form: str, n: int, precision: Precision) -> bool:
+    """Whether the first wrong quantity is the right one, rounded to so many digits."""
+    tap, quantity = verdict.found.tap, verdict.quantity
+    right = np.asarray(_answer(expected(case), tap)[quantity])
+    given = np.asarray(_answer(verdict.answers, tap).get(quantity, []))
+    if given.shape != right.shape:
+        return False
+    with np.errstate(divide="ignore", invalid="ignore"):
+        first = np.floor(np.log10(np.abs(given))) + 1 if form == _FORMS[0] else 0
+        allowed = tolerances(case, expected(case), precision)[quantity]
+        off = np.abs(given - right) - allowed.absolute - allowed.relative * np.abs(right)
+    return bool(((given == right) | (off <= 0.5 * 10.0 ** (first - n))).all())
+
+
+def _answer(answers: Sequence[Answer], tap: int) -> Mapping[str, Any]:
+    """The values of the answer to a tap."""
+    return next(answer.values for answer in answers if answer.tap == tap)
 
 
 def _steps(case: Case, verdict: Verdict) -> int:

@@ -3,6 +3,7 @@
 import shlex
 from collections.abc import Callable, Iterator, Sequence
 from copy import deepcopy
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from ...models.storage import check_folder
 from ..page.stages import counted
 from .answers import FIT, QUANTITIES
 from .case import BASIC, LEVELS, Case
-from .catalogue import Kit, own_kit
+from .catalogue import Kit, listed, own_kit
 from .catalogue import expected as exact_answers
 from .causes import with_causes
 from .dataset.export import export_kit
@@ -93,8 +94,10 @@ def run(
         progress: Called with the name and size of every stage; returns the function that advances it.
 
     Raises:
-        InputError: There is no such case, level or quantity.
+        InputError: There is no such case, level or quantity, or the implementation is no function.
     """
+    if not callable(implementation):
+        raise InputError(f"implementation must be a function of a case, got {implementation!r}.")
     title = f"Conformance of {getattr(implementation, '__name__', type(implementation).__name__)}"
     asked = _asked(precision, without, causes)
     return _report(
@@ -137,11 +140,7 @@ def run_program(
         InputError: There is no such program, case, level or quantity.
     """
     asked = _asked(precision, without, causes, timeout)
-    words = (
-        split_command(command)
-        if isinstance(command, str)
-        else [*map(str, [command] if isinstance(command, Path) else command)]
-    )
+    words = split_command(command)
     title = f"Conformance of {shlex.join(words)}"
     return _report(
         title, (kit, names, levels), asked, progress, lambda chosen: check_program(words, chosen, asked, together)
@@ -258,6 +257,7 @@ def export(
     Raises:
         InputError: There is no such case or level, or the folder cannot be written.
     """
+    _check_precision(precision)
     kit = own_kit()
     chosen = kit.select(names, levels)
     check_folder(folder, force)
@@ -284,17 +284,20 @@ def _asked(precision: Precision, without: Sequence[str], causes: bool, timeout: 
     Raises:
         InputError: There is no such precision or quantity, or the timeout is not positive.
     """
-    if precision not in ("double", "single"):
-        raise InputError(f"precision {precision}: it must be one of double, single.")
-    if not timeout > 0:
-        raise InputError(f"timeout must be positive, got {timeout:g}.")
+    _check_precision(precision)
+    if not (isinstance(timeout, Real) and timeout > 0):
+        raise InputError(f"timeout must be a positive number, got {timeout!r}.")
     known = [name for name in QUANTITIES if name not in FIT]
-    if isinstance(without, str):
-        raise InputError(f"without must be a list, got the text {without!r}.")
+    without = listed("without", without)
     for name in without:
         if name not in known:
             raise InputError(f"without must be one of {', '.join(known)}, got {name!r}.")
-    return Asked(precision, tuple(without), timeout, causes)
+    return Asked(precision, without, timeout, causes)
+
+
+def _check_precision(precision: str) -> None:
+    if precision not in ("double", "single"):
+        raise InputError(f"precision {precision}: it must be one of double, single.")
 
 
 def _report(
@@ -305,7 +308,8 @@ def _report(
     work: Callable[[list[Case]], Iterator[Verdict]],
 ) -> ConformanceReport:
     """The verdicts, with their causes if wanted, which are likelier the more cases they explain."""
-    folder, names, levels = wanted
+    folder, *lists = wanted
+    names, levels = map(listed, ("names", "levels"), lists)
     kit = open_kit(folder, asked.precision)
     asked_levels = levels or (() if names else BASIC)
     chosen = kit.select(names, asked_levels)

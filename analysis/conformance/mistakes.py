@@ -25,8 +25,8 @@ class Mistake(NamedTuple):
 
     Attributes:
         name: In one word.
-        about: What is done, as the end of a sentence.
-        rules: Forms in which it occurs.
+        about: What is done, as the end of a sentence; `{digits}` stands for what a verdict says.
+        rules: Forms in which it occurs; none where `causes` sees it in the numbers.
         key: Of the header, without which it does not show.
     """
 
@@ -369,6 +369,7 @@ MISTAKES = (
         FORMS["strategy-ignored"],
         "pool",
     ),
+    Mistake("rounded", "numbers are rounded to {digits}, where 17 digits are due", ()),
 )
 
 

@@ -50,12 +50,18 @@ class Ended(NamedTuple):
             yield number, line[0].decode("utf-8", errors="replace")
 
 
-def split_command(command: str) -> list[str]:
-    """The words of a command.
+def split_command(command: str | Path | Sequence[str | Path]) -> list[str]:
+    """The words of a command, which is quoted as in a shell, the path of a program, or its words.
 
     Raises:
-        InputError: It has an open quotation mark.
+        InputError: It has an open quotation mark, or is none of these.
     """
+    if isinstance(command, Path):
+        return [str(command)]
+    if not isinstance(command, str):
+        if not isinstance(command, Sequence) or not all(isinstance(word, str | Path) for word in command):
+            raise InputError(f"command must be a text, a path or a list of them, got {command!r}.")
+        return [*map(str, command)]
     try:
         return shlex.split(command)
     except ValueError as error:

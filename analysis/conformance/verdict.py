@@ -29,6 +29,7 @@ class Verdict:
         tap: The first tap with a difference, counted from 1; 0 is the fit and `None` no tap.
         quantity: What differs there.
         cause: Name of the likeliest mistake, see `causes`.
+        digits: To which numbers are rounded, where that is the cause.
         answers: What was answered, where it differs.
         error: What a Python function raised.
         seconds: That it took, without the comparison; `None` where they are unknown, as of answers in files.
@@ -40,6 +41,7 @@ class Verdict:
     tap: int | None = None
     quantity: str = ""
     cause: str = ""
+    digits: str = ""
     answers: tuple[Answer, ...] = ()
     error: Exception | None = None
     seconds: float | None = field(default=None, compare=False)
@@ -55,7 +57,7 @@ class Verdict:
     @property
     def about(self) -> str:
         """The likely cause in words."""
-        return _ABOUT.get(self.cause, "")
+        return _ABOUT.get(self.cause, "").format(digits=self.digits)
 
 
 def left_out(case: Case, precision: Precision) -> Verdict | None:
@@ -163,8 +165,8 @@ def summary(verdicts: Sequence[Verdict]) -> tuple[list[str], bool]:
     counts = Counter(verdict.status for verdict in verdicts)
     asked = len(verdicts) - counts["left out"]
     lines = []
-    for cause, times in Counter(verdict.cause for verdict in verdicts if verdict.cause).most_common():
-        lines.append(f"Likely cause in {times} of {counts['differs'] + counts['failed']}: {_ABOUT[cause]} ({cause}).")
+    for (cause, about), times in Counter((v.cause, v.about) for v in verdicts if v.cause).most_common():
+        lines.append(f"Likely cause in {times} of {counts['differs'] + counts['failed']}: {about} ({cause}).")
     fine = asked > 0 and counts["pass"] == asked
     rest = [f"{n} {status if n == 1 else word}" for status, word in _WORDS.items() if (n := counts[status])]
     pass_ = "passes" if asked == 1 else "pass"

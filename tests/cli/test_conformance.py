@@ -134,6 +134,7 @@ def test_a_report_replaces_the_text_or_is_a_file(tmp_path):
         (("check",), "Give either --command PROGRAM or --answers DIR."),
         (("check", "--command", "x", "--answers", "y"), "Give either --command PROGRAM or --answers DIR."),
         (("check", "--answers", "y", "--together"), "--together starts a program and does not go with --answers."),
+        (("check", "--answers", "y", "--timeout", "10"), "--timeout stops a program and does not go with --answers."),
         (("check", "--command", ""), "command is empty; it must name a program."),
         (("check", "--command", "a 'b"), 'command "a \'b" cannot be read: No closing quotation.'),
         (("check", "--command", "/no/such"), "command: /no/such cannot be run: No such file or directory."),
@@ -147,9 +148,9 @@ def test_a_report_replaces_the_text_or_is_a_file(tmp_path):
     ],
 )
 def test_wrong_options_are_told_in_a_sentence(words, sentence):
-    _, _, done = call(*words)
+    _, text, done = call(*words)
 
-    assert type(done.exception).__name__ == "InputError"
+    assert (type(done.exception).__name__, text) == ("InputError", "")
     assert sentence in str(done.exception)
 
 

@@ -8,8 +8,8 @@ from typing import Any
 
 from ..arithmetic import DIGITS
 
-KIT_VERSION = "1.3.0"
-RELEASED = "2026-11-27"
+KIT_VERSION = "1.4.0"
+RELEASED = "2026-11-28"
 LICENSE = "CC0-1.0"
 """Of cases, answers, schemas and descriptions; the program that makes them has a licence of its own."""
 METHOD = "the equations of the paper one by one, sharing no code with the engines that are checked"

@@ -136,7 +136,7 @@ def allowed_in(case):
     return tolerances(case, expected(case), "double")
 
 
-@pytest.mark.parametrize("mistake", MISTAKES, ids=[mistake.name for mistake in MISTAKES])
+@pytest.mark.parametrize("mistake", [m for m in MISTAKES if m.rules], ids=lambda mistake: mistake.name)
 def test_every_mistake_differs_somewhere_and_explains_itself(mistake):
     """In every form, and in the first cases where it shows nothing else explains more."""
     for rules in mistake.rules:

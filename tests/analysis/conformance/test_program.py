@@ -151,8 +151,8 @@ def test_what_a_program_leaves_running_is_stopped_and_told(left, what, right, tm
 
 def test_a_timeout_may_be_infinite_and_must_be_positive():
     assert sentence("exit 3", timeout=float("inf")).startswith("FAILED it ended with exit code 3")
-    for wrong in (0.0, -1.0, float("nan")):
-        with pytest.raises(InputError, match="timeout must be positive"):
+    for wrong in (0.0, -1.0, float("nan"), "10"):
+        with pytest.raises(InputError, match=f"timeout must be a positive number, got {wrong!r}"):
             st.conformance.run_program("true", ["root-j"], timeout=wrong)
 
 

@@ -280,6 +280,26 @@ def test_a_mistake_with_which_other_cases_would_fail_is_no_cause():
     assert [verdict.cause for verdict in both] == ["", ""]
 
 
+@pytest.mark.parametrize("more", [0, 1e-6 / 3])
+@pytest.mark.parametrize(("form", "digits"), [(".6g", "6 significant digits"), (".4f", "4 decimals")])
+def test_rounded_numbers_are_named_with_their_digits(form, digits, more):
+    """In each case; one number of all that is not rounded refutes it."""
+    cases = [catalogue()[name] for name in ("root-j", "prior-uneven", "episode-clamp", "episode-uniform")]
+    answers = [
+        [replace(a, values={k: _rounded(v, form) for k, v in a.values.items()}) for a in expected(c)] for c in cases
+    ]
+    answers[2][0].values["log_likelihood"].flat[-1] += more
+    found = with_causes([judge(*pair, "double") for pair in zip(cases, answers, strict=True)], catalogue(), "double")
+
+    about = "" if more else f"numbers are rounded to {digits}, where 17 digits are due"
+    assert [(verdict.quantity, verdict.about) for verdict in found] == [("log_likelihood", about)] * 4
+
+
+def _rounded(value, form):
+    """Numbers as a program prints them."""
+    return np.vectorize(lambda x: float(format(x, form)))(value) if np.asarray(value).dtype.kind == "f" else value
+
+
 def test_what_no_mistake_explains_has_no_cause():
     answers = changed(CASE, 3, log_evidence=123.0)
     verdict = with_causes([judge(CASE, answers, "double")], catalogue(), "double")[0]
