@@ -7,6 +7,7 @@ from types import ModuleType
 from typing import Any
 
 import numba
+import numba.core.typing.cffi_utils  # which numba would load with its first program, when commands no longer hide cffi
 import numpy as np
 from llvmlite import ir
 from numba.core import types

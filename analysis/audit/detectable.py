@@ -16,7 +16,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.optimize import root_scalar
 from scipy.special import gammaincc
 
 from ...inference.trials.records import TapTable
@@ -126,6 +125,8 @@ def detectable_factor(
 
     if lacking(1.0) <= 0:
         return 1.0
+    from scipy.optimize import root_scalar  # noqa: PLC0415 - most audits have no use for it
+
     return float(root_scalar(lacking, bracket=(1.0, _MOST)).root) if lacking(_MOST) < 0 else np.inf
 
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from types import FrameType
 
-from .process import keep_memory, kept, without
+from .process import empty, keep_memory, kept, without
 
 INTERRUPTED = 130  # exit code, as in shells and Typer
 TERMINATED = 143
@@ -23,11 +23,11 @@ def loading() -> Iterator[None]:
     """Exits at once on Ctrl-C or SIGTERM inside the block, in which imports run and nothing is written.
 
     An exception would be raised inside the library being imported, which may swallow it or abort. Pandas would load
-    pyarrow if it is installed, for nothing here.
+    pyarrow if it is installed, numba cffi, and SciPy all that NumPy has, for nothing here.
     """
     before = {number: signal.signal(number, _end) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        with kept(), without("pyarrow", "pandas"):
+        with kept(), without("pyarrow", "pandas"), without("cffi", "numba"), empty("numpy.f2py", "scipy"):
             yield
         keep_memory()
     finally:

@@ -10,6 +10,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from hashlib import blake2b
+from importlib.machinery import ModuleSpec
 from pathlib import Path
 from platform import machine, processor
 from typing import Any
@@ -94,6 +95,38 @@ def without(module: str, user: str) -> Iterator[None]:
     finally:
         if hidden:
             del modules[module]
+
+
+@contextmanager
+def empty(module: str, user: str) -> Iterator[None]:
+    """As `without`, for who looks at all modules of a package: the module, `package.name`, can be imported."""
+    modules: dict[str, Any] = sys.modules
+    finder: Any = _Empty(module)
+    if not {module, user} & modules.keys():
+        sys.meta_path.insert(0, finder)
+    try:
+        yield
+    finally:
+        if finder in sys.meta_path:
+            sys.meta_path.remove(finder)
+            if modules.pop(module, None) is not None:
+                package, _, name = module.rpartition(".")
+                delattr(modules[package], name)
+
+
+class _Empty:
+    def __init__(self, module: str) -> None:
+        self._module = module
+
+    def find_spec(self, name: str, *_: Any) -> ModuleSpec | None:
+        loader: Any = self
+        return ModuleSpec(name, loader) if name == self._module else None
+
+    def create_module(self, _: ModuleSpec) -> None:
+        """Python makes one."""
+
+    def exec_module(self, _: Any) -> None:
+        """Nothing is in it."""
 
 
 def switch_often() -> None:

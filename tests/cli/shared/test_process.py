@@ -194,3 +194,13 @@ def test_nobody_waits_for_threads_after_an_interrupt(work):
     assert done.returncode == 130
     assert done.stderr == "solidtouch: interrupted; no file is left incomplete.\n"
     assert time.monotonic() - start < 30
+
+
+def test_a_module_is_empty_inside_alone():
+    with process.empty("wsgiref.headers", "nobody"):
+        from wsgiref import headers
+
+        assert not hasattr(headers, "Headers")
+    from wsgiref import headers
+
+    assert headers.Headers
