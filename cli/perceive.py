@@ -221,7 +221,8 @@ def perceive(
 
 
 def _check_rig(rig: str, training_taps: bool, home: bool, yes: bool) -> None:
-    from ..hardware.named_rigs import check_training_taps
+    with loading():
+        from ..hardware.named_rigs import check_training_taps
 
     check_training_taps(training_taps, rig)
     confirm_homing(rig, home, yes)
