@@ -134,7 +134,7 @@ class Checked(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
             plain = value.item() if hasattr(value, "item") and not getattr(value, "ndim", 0) else value
             try:
                 known = msgspec.convert(plain, field.type)
-            except msgspec.ValidationError:
+            except (msgspec.ValidationError, SystemError):  # before msgspec 0.22, where a number is beyond all doubles
                 raise SettingError(field.name, f"must be {_description(field.type)}, got {value!r}.") from None
             msgspec.structs.force_setattr(self, field.name, known)
 

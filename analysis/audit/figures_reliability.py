@@ -272,7 +272,6 @@ def plot_sessions(axes: Axes, result: TargetError) -> Axes:
     curves, chosen = result.curves, result.chosen
     x = 1 - curves.theta
     low, high = prediction_interval(curves.error)
-    axes.set_xscale("log")
     line_bundle(axes, x, curves.error, colors=OTHERS, linewidths=0.6)
     axes.plot([], [], color=OTHERS, linewidth=0.6, label="sessions")
     # In a colour of its own, as it is not the interval of the mean.
@@ -284,6 +283,7 @@ def plot_sessions(axes: Axes, result: TargetError) -> Axes:
     label = "chosen" if result.reachable else "lowest; the target is not reachable"
     axes.plot([1 - chosen.theta], [chosen.error], "o", color=DECIDED, markersize=5, label=label)
     axes.plot([1 - result.default.theta], [result.default.error], "s", color=ACTIVE, label="default")
+    axes.set_xscale("log")
     axes.set_ylim(0, min(1.02, max(1.1 * float(high.max()), 1.1 * result.target)))
     axes.set_ylabel("fraction of wrong decisions")
     _threshold_axis(axes, curves.theta)

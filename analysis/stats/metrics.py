@@ -5,6 +5,7 @@ Outcomes are xarray datasets with the dims ``place`` (sensing position or start 
 place where the sensor stood when it decided, in the unit of the positions.
 """
 
+import warnings
 from collections.abc import Sequence
 from typing import Any, NamedTuple, Self
 
@@ -275,7 +276,9 @@ def interval_sentence(data_sets: int, kind: str, spread: Spread = NO_SPREAD) -> 
 def _half_width(values: xr.DataArray) -> xr.DataArray:
     """Half the t-interval over data sets; a place may lack trials in some of them."""
     seen = values.count("data_set")
-    return values.std("data_set", ddof=1) * stdtrit(seen - 1, 0.5 + CONFIDENCE / 2) / np.sqrt(seen)
+    with warnings.catch_warnings(action="ignore", category=RuntimeWarning):  # of NumPy before 2.5, about single ones
+        spread = values.std("data_set", ddof=1)
+    return spread * stdtrit(seen - 1, 0.5 + CONFIDENCE / 2) / np.sqrt(seen)
 
 
 def _samples(data: xr.Dataset, name: str, spread: Spread) -> NDArray[np.float64]:

@@ -159,6 +159,8 @@ def leave(code: int) -> None:
     be written, to end in the usual way.
     """
     if code:
+        waited: Any = threading  # Python 3.12 would wait in the other thread for this one
+        getattr(waited, "_shutdown_locks", set()).discard(getattr(waited.main_thread(), "_tstate_lock", None))
         ending = threading.Thread(target=_end, daemon=True)
         ending.start()
         ending.join(_PATIENCE_S)
