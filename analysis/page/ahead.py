@@ -49,6 +49,7 @@ class _Ahead:
         self.drawings: _Drawings = {}
         self.begun: list[Future[None]] = []
         self._thread, self._process, self._wanted = thread, process, True
+        self.beside = process is not None  # whether no thread has drawn
 
     def begin(self, draws: Iterable[Callable[[], Any]]) -> None:
         self.begun.append(self._thread.submit(self._draw, draws))
@@ -81,6 +82,7 @@ class _Ahead:
                     return None
                 number, svg, inches, curves = found
                 return Drawing(svg, inches, partial(_pixels, process, number, draw), curves)
+        self.beside = False
         return drawn(draw)
 
 
@@ -125,17 +127,20 @@ def draw_ahead(draws: Iterable[Callable[[], Any]]) -> None:
         ahead.begin(draws)
 
 
-def drawn_ahead() -> "_Drawings":
-    """What `draw_ahead` drew, with its functions by `key_of`; waits for all of it.
+def drawn_ahead(draw: Callable[[], Any]) -> "tuple[Any, Drawing | None] | None":
+    """What `draw_ahead` drew by a function, with the function; `None` if it draws nothing by it.
 
-    As matplotlib draws on one thread at a time, nothing else may be drawn before.
+    As matplotlib draws on one thread at a time, nothing else may be drawn before this is `None`; until then, and where
+    a thread draws, all of it is waited for.
     """
     ahead = _AHEAD.get()
     if ahead is None:
-        return {}
-    for begun in ahead.begun:
-        begun.result()
-    return ahead.drawings
+        return None
+    key = key_of(draw)
+    if key not in ahead.drawings or not ahead.beside:
+        for begun in ahead.begun:
+            begun.result()
+    return ahead.drawings.get(key)
 
 
 def key_of(draw: Callable[[], Any]) -> tuple[Any, ...]:

@@ -4,21 +4,24 @@ import base64
 import json
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
-from functools import partial
+from functools import cache, partial
 from importlib import resources
 from pathlib import Path
-from typing import Any, NamedTuple
+from types import CodeType
+from typing import TYPE_CHECKING, Any, NamedTuple
 from warnings import warn
 
-from jinja2 import Environment, StrictUndefined, Template
 from markupsafe import Markup, escape
 
 from ...models.errors import InputError
-from .ahead import drawn_ahead, key_of
+from .ahead import drawn_ahead
 from .figure_curves import CurvePanel
 from .figure_sizes import is_drawn_for_pages
 from .figure_style import Drawing, drawn, save
 from .page import Page, Picture, Section, blocks_of, brief, spans
+
+if TYPE_CHECKING:
+    from jinja2 import Environment, Template
 
 _IMAGE_BYTES = 2_200_000  # of all figures together; a page has less than 3 MB
 _FIGURES = 10  # among which they are shared at most: pixels of figures below their share take no fewer bytes
@@ -70,11 +73,11 @@ def draw_pictures(
     """Writes figures into a folder, and returns them for a page by name, or why one could not be drawn."""
     images: dict[str, Image | str] = {}
     for_pages = is_drawn_for_pages()
-    known = drawn_ahead() if for_pages else {}
+    _code()  # while figures are drawn
 
     def drawing_by(draw: Callable[[], Any]) -> Drawing | None:
-        key = key_of(draw)
-        return known[key][1] if key in known else drawn(draw)
+        known = drawn_ahead(draw) if for_pages else None
+        return drawn(draw) if known is None else known[1]
 
     for picture in pictures:
         try:
@@ -138,14 +141,28 @@ def _png_uri(data: bytes) -> str:
     return f"data:image/png;base64,{base64.b64encode(data).decode('ascii')}"
 
 
-def _template(page: Page) -> Template:
+@cache
+def _code() -> CodeType:
+    """The template of pages, compiled."""
+    return _environment().compile(_file("page.html"))
+
+
+def _environment(ids: Collection[str] = ()) -> "Environment":
+    """Of templates; `ids` are places of the page that links may lead to."""
+    from jinja2 import Environment, StrictUndefined  # noqa: PLC0415 - not before there is a page
+
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    marked = partial(_marked, ids=ids)
+    environment.filters.update(kind=lambda block: type(block).__name__, marked=marked, unbroken=_unbroken)
+    return environment
+
+
+def _template(page: Page) -> "Template":
     blocks = [*blocks_of([*page.intro, *page.sections])]
     ids = {block.id for block in blocks if isinstance(block, Section)}
     ids |= {f"figure-{block.name}" for block in blocks if isinstance(block, Picture)}
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    marked = partial(_marked, ids=ids - {""})
-    environment.filters.update(kind=lambda block: type(block).__name__, marked=marked, unbroken=_unbroken)
-    return environment.from_string(_file("page.html"))
+    environment = _environment(ids - {""})
+    return environment.template_class.from_code(environment, _code(), environment.make_globals(None))
 
 
 def in_words(panels: Sequence[CurvePanel]) -> str:
