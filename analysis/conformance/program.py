@@ -77,9 +77,10 @@ def check_command(words: Sequence[str]) -> None:
     if not words:
         raise InputError("command is empty; it must name a program.")
     if shutil.which(words[0]) is None:
-        there = "/" in words[0] and Path(words[0]).exists()
-        reason = "Permission denied" if there else "No such file or directory"
-        raise InputError(f"command: {words[0]} cannot be run: {reason}.")
+        there, path = Path(words[0]).exists(), "/" in words[0]
+        reason = "Permission denied" if there and path else "No such file or directory"
+        here = f"; in this folder it is ./{words[0]}" if there and words[0] and not path else ""
+        raise InputError(f"command: {words[0]} cannot be run: {reason}{here}.")
 
 
 def run_program(words: Sequence[str], lines: Iterable[str], timeout: float) -> Ended:

@@ -177,6 +177,15 @@ def test_a_missing_program_is_named_before_any_case_is_asked(words, reason):
         check_program([words], [], Asked())
 
 
+def test_a_program_of_this_folder_is_named_by_its_path(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine").touch()
+    with pytest.raises(
+        InputError, match=r"command: mine cannot be run: No such file .*; in this folder it is \./mine\."
+    ):
+        check_program(["mine"], [], Asked())
+
+
 def test_a_script_without_an_interpreter_is_named(tmp_path):
     (tmp_path / "script").write_text("\x7fnothing")
     (tmp_path / "script").chmod(0o755)
