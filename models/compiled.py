@@ -16,7 +16,12 @@ from numba.extending import intrinsic
 from numpy.typing import ArrayLike
 
 # Sums may be taken in another order and products fused, which vector instructions need; NaN and infinity stay exact.
-_OPTIONS: dict[str, Any] = {"nogil": True, "fastmath": {"reassoc", "contract", "nsz"}, "error_model": "numpy"}
+_OPTIONS: dict[str, Any] = {
+    "nogil": True,
+    "fastmath": {"reassoc", "contract", "nsz"},
+    "error_model": "numpy",
+    "no_cfunc_wrapper": True,  # for callers in C, of which there are none; it takes as long to compile as that for Python
+}
 _intrinsic: Any = intrinsic
 
 
