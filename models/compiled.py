@@ -20,7 +20,7 @@ _OPTIONS: dict[str, Any] = {
     "nogil": True,
     "fastmath": {"reassoc", "contract", "nsz"},
     "error_model": "numpy",
-    "no_cfunc_wrapper": True,  # for callers in C, of which there are none; it takes as long to compile as that for Python
+    "no_cfunc_wrapper": True,  # nothing calls it, and it takes as long to compile as the one for Python
 }
 _intrinsic: Any = intrinsic
 
