@@ -15,7 +15,7 @@ from ...compiled import compiled, polynomial
 from ...elementary import LEAST, exponential, logarithm
 
 _ROOT_HALF = math.sqrt(0.5)
-_SMALL = 1e-150  # products above it can take one more factor without leaving the range of float64
+_SMALL = 1e-150  # the least factor, far below what rounding leaves of an interval that has a width
 _MANTISSA, _ONE = (1 << 52) - 1, 1023 << 52  # of the bits of a number; the exponent of 1
 _LOG_TWO = math.log(2)
 _AT_ONCE = 256  # intervals that are computed together, so that they stay in cache
