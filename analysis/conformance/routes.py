@@ -155,11 +155,11 @@ def _enumerated(model: TapModel) -> Callable[[NDArray[np.float64]], NDArray[np.f
     """The NumPyro model of one tap."""
     import jax  # noqa: PLC0415 - it takes long to import
 
-    from ...inference.engines.enumeration import log_likelihoods, observed, touch_tables  # noqa: PLC0415
+    from ...inference.engines.enumeration import log_likelihoods  # noqa: PLC0415
 
     def of(taps: NDArray[np.float64]) -> NDArray[np.float64]:
         with jax.enable_x64(True):
-            found = log_likelihoods(touch_tables(model), observed(model, taps))
+            found = log_likelihoods(model, taps)
         return np.where(model.trained, model.exponent * found, -np.inf)
 
     return of

@@ -51,7 +51,9 @@ _TAPS = 16
 # Compiling the sum over all paths takes seconds: it runs a few times, in a third less time with a few optimizations.
 _FEW_RUNS = {"xla_backend_optimization_level": 1, "xla_llvm_disable_expensive_passes": True}
 _LITTLE = {"xla_backend_optimization_level": 1}  # updates as fast as with all optimizations, compiled in less time
-_LEAST = 4, 4, 8  # samples, taxels and bins that tables and taps are filled up to, so that small ones share a program
+# Positions, objects, samples, taxels and bins that tables, beliefs, moves and taps are filled up to, so that small ones
+# share a program.
+_WHERE, _WHAT, _SAMPLES, _TAXELS, _BINS = 6, 4, 4, 4, 16
 _AT_ONCE = 1 << 23  # numbers that one step of an enumeration holds
 
 
@@ -75,27 +77,32 @@ class SequencePosterior(NamedTuple):
 
 def touch_tables(model: TapModel) -> TouchTables:
     """The fitted model as float64 JAX arrays; requires x64 to be enabled."""
-    form, edges = model.form, model.edges
+    form, edges, log_trained = model.form, model.edges, np.where(model.trained, 0.0, -np.inf)
     if isinstance(form, TableForm):
-        log_prob = _filled(form.log_prob, _LEAST[2:], -np.inf)
-        form, edges = TableForm(_filled(log_prob, _LEAST[1:], 0.0)), np.empty(0)  # tables are not over samples
+        log_prob = _filled(form.log_prob, (_BINS,), -np.inf)
+        if form.shape == log_trained.shape:  # one state
+            log_prob = _filled(log_prob, (_WHERE, _WHAT, 1, 1), 0.0)
+            log_trained = _filled(log_trained, (_WHERE, _WHAT), -np.inf)
+        form, edges = TableForm(_filled(log_prob, (_TAXELS, _BINS), 0.0)), np.empty(0)  # tables are not over samples
     elif isinstance(form, MixtureForm):
         form = StackedForm(jax.tree.map(lambda *parts: np.stack(parts), *form.parts))
     # `asarray` would compile a program for every new shape.
-    form, edges, log_trained = jax.device_put((form, edges, np.where(model.trained, 0.0, -np.inf)))
+    form, edges, log_trained = jax.device_put((form, edges, log_trained))
     return TouchTables(form, edges, log_trained, model.exponent)
 
 
 def observed(model: TapModel, taps: ArrayLike) -> NDArray[np.generic]:
     """Taps (..., J, K) as `models.touch.observe_tap` takes them: bins for table forms, samples for others.
 
-    Bins are filled up to `_LEAST` with some that do not count.
+    Bins are filled up to `_SAMPLES` and `_TAXELS` with some that do not count.
 
     Raises:
         InputError: The taps differ in shape from the training taps, or a sample is NaN or infinite.
     """
     bins = model.bins(taps)
-    return _filled(bins, _LEAST[:2], -1) if isinstance(model.form, TableForm) else np.asarray(taps, dtype=np.float64)
+    if isinstance(model.form, TableForm):
+        return _filled(bins, (_SAMPLES, _TAXELS), -1)
+    return np.asarray(taps, dtype=np.float64)
 
 
 def _filled(values: NDArray[Any], least: tuple[int, ...], value: float) -> NDArray[Any]:
@@ -120,20 +127,20 @@ def log_joint(tables: TouchTables, log_prior: jax.Array, tap: jax.Array) -> jax.
     return _everywhere(at, tables, tap)
 
 
-def log_likelihoods(tables: TouchTables, taps: ArrayLike) -> NDArray[np.float64]:
-    """Log p(tap | where, hypothesis) at power 1 of every tap, shape (T, L, H)."""
-    seen = np.asarray(taps)
+def log_likelihoods(model: TapModel, taps: ArrayLike) -> NDArray[np.float64]:
+    """Log p(tap | where, hypothesis) at power 1 of every tap (T, J, K), shape (T, L, H); requires x64 to be enabled."""
+    seen, (L, H) = observed(model, taps), model.form.shape
     T, missing = len(seen), -len(seen) % _TAPS
     if T == 0:
-        return np.empty((0, *tables.form.shape))
-    padded = np.concatenate([seen, np.repeat(seen[-1:], missing, axis=0)])
+        return np.empty((0, L, H))
+    tables, padded = touch_tables(model), np.concatenate([seen, np.repeat(seen[-1:], missing, axis=0)])
     parts = [np.asarray(_of_taps(tables, part)) for part in padded.reshape(-1, _TAPS, *seen.shape[1:])]
-    return np.concatenate(parts)[:T]
+    return np.concatenate(parts)[:T, :L, :H]
 
 
 @partial(jax.jit, compiler_options=_FEW_RUNS)
 def _of_taps(tables: TouchTables, taps: jax.Array) -> jax.Array:
-    """`log_likelihoods` of `_TAPS` taps, so that other numbers of taps are not compiled anew."""
+    """Log-likelihoods of `_TAPS` taps, so that other numbers of taps are not compiled anew."""
     H = tables.form.shape[1]
 
     def of(tap: jax.Array) -> jax.Array:
@@ -167,28 +174,21 @@ def _update(tables: TouchTables, log_belief: jax.Array, tap: jax.Array) -> tuple
     return joint - log_evidence, log_evidence
 
 
-@partial(jax.jit, static_argnames="M", compiler_options=_LITTLE)
-def _predict(log_belief: jax.Array, where_kernel: jax.Array, redraws_what: jax.Array, M: int) -> jax.Array:
-    """The belief (L, S M) through a `MoveKernel`: the sum over all previous classes, in logs, state by state."""
-    before = log_belief.reshape(len(log_belief), -1, M)
-    log_kernel = jnp.log(where_kernel)[:, :, None, None]
-    kept = jnp.where(redraws_what[:, None, None], -jnp.inf, before)
-    drawn = jnp.where(redraws_what[:, None], logsumexp(before, axis=2) - jnp.log(M), -jnp.inf)
-    same_what = logsumexp(log_kernel + kept[:, None], axis=0)
-    new_what = logsumexp(log_kernel + drawn[:, None, :, None], axis=0)
-    return jnp.logaddexp(same_what, new_what).reshape(log_belief.shape)
+@partial(jax.jit, compiler_options=_LITTLE)
+def _predict(before: jax.Array, where_kernel: jax.Array, redraws_what: jax.Array, log_objects: float) -> jax.Array:
+    """The belief (L, S, M) through a `MoveKernel`: the sum over all previous classes, in logs, state by state."""
+    drawn = logsumexp(before, axis=2, keepdims=True) - log_objects
+    moved = jnp.where(redraws_what[:, None, None], drawn, before)
+    return logsumexp(jnp.log(where_kernel)[:, :, None, None] + moved[:, None], axis=0)
 
 
-@partial(jax.jit, static_argnames="M", compiler_options=_LITTLE)
-def _predict_around(
-    log_belief: jax.Array, where_kernel: jax.Array, redrawn: jax.Array, vacated: jax.Array, M: int
-) -> jax.Array:
+@partial(jax.jit, compiler_options=_LITTLE)
+def _predict_around(before: jax.Array, where_kernel: jax.Array, redrawn: jax.Array, vacated: jax.Array) -> jax.Array:
     """As `_predict`, through a `HoleKernel`."""
-    before = log_belief.reshape(len(log_belief), -1, M)
     kept = jnp.where(redrawn[:, None], -jnp.inf, before)
     drawn = logsumexp(jnp.where(redrawn[:, None], before, -jnp.inf), axis=(0, 2), keepdims=True)
     same_what = logsumexp(jnp.log(jnp.moveaxis(where_kernel, 2, 1))[:, :, None] + kept[:, None], axis=0)
-    return jnp.logaddexp(same_what, drawn + jnp.log(vacated)[:, None]).reshape(log_belief.shape)
+    return jnp.logaddexp(same_what, drawn + jnp.log(vacated)[:, None])
 
 
 @dataclass(frozen=True)
@@ -223,24 +223,29 @@ class NumpyroEngine:
         Raises:
             ZeroEvidenceError: The tap is impossible under every class.
         """
-        seen = observed(self.model, tap)
+        seen, (L, H) = observed(self.model, tap), log_belief.shape
+        before = _filled(log_belief, self.tables.log_trained.shape, -np.inf)
         with jax.enable_x64(True):
-            posterior, log_evidence = _update(self.tables, log_belief, seen)
+            posterior, log_evidence = _update(self.tables, before, seen)
             log_evidence = float(log_evidence)  # before the array, whose copy would be waited for on another thread
             if not math.isfinite(log_evidence):
                 raise ZeroEvidenceError("The tap is impossible under every class with nonzero belief.")
-            return np.asarray(posterior), log_evidence
+            return np.asarray(posterior)[:L, :H], log_evidence
 
     def shift(self, log_belief: NDArray[np.float64], delta: int) -> NDArray[np.float64]:
         """Eq. 9 as the transition of the sequence model."""
-        trained, M = self.model.trained, self.model.grid.M
-        if not trained.all():
-            around = hole_kernel(trained, int(delta), self.border)
-            with jax.enable_x64(True):
-                return np.asarray(_predict_around(log_belief, *around, M))
-        kernel = move_kernel(len(log_belief), int(delta), self.border)
+        trained, (L, M) = self.model.trained, self.model.grid.shape
+        before = _filled(log_belief.reshape(L, -1, M), (_WHERE, 1, _WHAT), -np.inf)
         with jax.enable_x64(True):
-            return np.asarray(_predict(log_belief, kernel.where, kernel.redraws_what, M))
+            if trained.all():
+                kernel = move_kernel(L, int(delta), self.border)
+                parts = _filled(kernel.where, (_WHERE, _WHERE), 0.0), _filled(kernel.redraws_what, (_WHERE,), False)
+                after = _predict(before, *parts, math.log(M))
+            else:
+                around = hole_kernel(trained, int(delta), self.border)
+                sizes = (_WHERE, _WHAT, _WHERE), (_WHERE, _WHAT), (_WHERE, _WHAT)
+                after = _predict_around(before, *map(_filled, around, sizes, (0, 0, 0)))
+            return np.asarray(after)[:L, :, :M].reshape(log_belief.shape)
 
 
 def check_kernel_border(border: str) -> None:
@@ -328,7 +333,7 @@ def _sequence_taps(
         log_prob = np.where(np.isneginf(form.log_prob), impossible_bin, form.log_prob)
         return CountedTaps(*jax.device_put((log_prob, counts.astype(float))))
     least = (_IMPOSSIBLE + likeliest)[:, None, None] / model.exponent
-    weights = np.maximum(log_likelihoods(touch_tables(model), observed(model, taps)), least)
+    weights = np.maximum(log_likelihoods(model, taps), least)
     weights = weights.reshape(len(taps), L, H // M, M)
     if not full:  # paths through holes must not outweigh others, whatever their tables hold
         most = likeliest[:, None, None, None] / model.exponent

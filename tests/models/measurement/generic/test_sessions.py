@@ -10,7 +10,6 @@ from numpyro.contrib.control_flow import scan
 from scipy import stats
 from slow_cases import slow_but
 from solidtouch.inference.engines.enumeration import log_likelihoods as enumerated
-from solidtouch.inference.engines.enumeration import observed, touch_tables
 from solidtouch.models.errors import InputError
 from solidtouch.models.io.model_file import load_model
 from solidtouch.models.measurement.draws import drawn, replicated_bins
@@ -206,7 +205,7 @@ def test_taps_of_an_episode_share_a_session(samples, fitted):
 def test_the_models_of_numpyro_have_the_same_sessions(samples, fitted):
     taps, fit, _ = fitted(shifts, samples)
     with jax.enable_x64(True):
-        found = enumerated(touch_tables(fit.model), observed(fit.model, taps.taps[:2]))
+        found = enumerated(fit.model, taps.taps[:2])
 
     np.testing.assert_allclose(found, fit.model.log_likelihood(taps.taps[:2]), rtol=1e-9)
     np.testing.assert_allclose(found, by_story(fit.model, taps.taps[:2]), rtol=1e-9)
