@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from ...models.progress import Progress
+from ...models.threads import one_core
 
 
 class Check(NamedTuple):
@@ -40,7 +41,7 @@ class StageClock:
         told = self._begun(name, total)
 
         def timed() -> T:
-            with self._timed(name, total, told) as advance:
+            with one_core(), self._timed(name, total, told) as advance:
                 return work(advance)
 
         return threads.submit(timed)
