@@ -1,5 +1,6 @@
 """Checks of this installation that need no data: engines against exact cases, calibration of beliefs."""
 
+import os
 from collections.abc import Callable
 from functools import partial
 from typing import TYPE_CHECKING, NamedTuple
@@ -50,6 +51,12 @@ def checks() -> list[Planned]:
 def checked(check: Planned, seed: int) -> Check:
     """Does a check."""
     return timed_check(check.name, check.against, partial(check.find, seed))
+
+
+def checked_beside(check: Planned, seed: int) -> Check:
+    """Does a check in a process that has one core, on which threads of XLA would only take turns with it."""
+    os.environ.setdefault("NPROC", "1")
+    return checked(check, seed)
 
 
 def _routes(seed: int) -> tuple[str, bool]:

@@ -10,7 +10,7 @@ from ..page.report import Report
 from ..page.stages import Check
 from ..tasks.crew import ONE_BY_ONE, on_runner
 from ..tasks.local import in_processes
-from .checks import checked, checks
+from .checks import checked, checked_beside, checks
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -69,7 +69,10 @@ def validate(
         progress: Called with the name and number of the checks; returns the function that advances it.
     """
     processes = cores(workers)
-    crew = ONE_BY_ONE if processes == 1 else on_runner(in_processes(processes))
     planned = checks()
-    found = crew(checked, planned, seed, progress("Checks", len(planned)))
+    advance = progress("Checks", len(planned))
+    if processes == 1:
+        found = ONE_BY_ONE(checked, planned, seed, advance)
+    else:
+        found = on_runner(in_processes(processes))(checked_beside, planned, seed, advance)
     return ValidationReport(tuple(found), seconds)

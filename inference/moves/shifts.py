@@ -41,7 +41,8 @@ def shift_all(
 @compiled
 def _shift(beliefs, deltas, border, logs, after):
     _, L, M = beliefs.shape
-    lost, nothing = np.empty(M), -np.inf if logs else 0.0
+    lost = np.empty((M, 2))[:, 0]  # of the layout of a column, so that `_total` is compiled once
+    nothing = -np.inf if logs else 0.0
     for s in range(len(beliefs)):
         for d in range(deltas.shape[1]):
             delta = deltas[s, d]
