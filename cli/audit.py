@@ -12,7 +12,7 @@ from .shared.options import CELLS, Exponent, Fields, Force, Seed, Style, spelled
 from .shared.report import command_line, report_folder, show_report
 
 _Passive = Annotated[bool, Option("--passive", help="Evaluate passive trials, which never move.")]
-_QUICK_TRIALS, _QUICK_PERMUTATIONS = 1000, 159
+_QUICK_TRIALS, _QUICK_PERMUTATIONS = 500, 159
 _QUICK: dict[str, Any] = {
     "resamples": 25,
     "replicates": 15,

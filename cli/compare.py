@@ -26,7 +26,7 @@ from .shared.options import (
 )
 from .shared.report import command_line, report_folder, show_report
 
-_QUICK_DRAWS, QUICK_TRIALS, _QUICK_FOLDS = 100, 1000, 3
+_QUICK_DRAWS, QUICK_TRIALS, _QUICK_FOLDS = 100, 500, 3
 QUICK = {"resamples": 25, "replicates": 8}
 
 

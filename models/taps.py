@@ -239,13 +239,9 @@ class TapSet:
         """Lowest and highest sample of each tap and taxel, shape (N, 2, K), NaN where all are missing."""
         return extreme_samples(self.samples, self.missing == "drop") if self.scanned is None else self.scanned
 
-    @property
+    @cached_property
     def digests(self) -> NDArray[np.uint64]:
         """Digest of each tap, see `blocks.tap_digests`, shape (N,)."""
-        return tap_digests(self.samples) if self.scanned is None else self._digests
-
-    @cached_property
-    def _digests(self) -> NDArray[np.uint64]:
         return tap_digests(self.samples)
 
     @property

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from ..page.figure_sizes import TWO_COLUMNS, key, new_figure
 from ..page.figure_style import ACTIVE, DECIDED, MOST_FACTOR, OTHERS, TRUE, axis_label, label_panel, short, styled
 from .leakage.run import Leakage
-from .remedy_scores import Measured
+from .remedy_scores import Scored
 from .variance.causes import first_cause, is_cause, part_words, seen
 
 type Interval = tuple[float | None, float | None, float | None]
@@ -208,28 +208,30 @@ def plot_lags(axes: Axes, dependence: xr.Dataset, name: str, rate_hz: float | No
 
 
 @styled
-def remedies(measured: Measured) -> Figure | None:
+def remedies(scores: Sequence[Scored], n: int, taps: float, played: xr.Dataset) -> Figure | None:
     """Effect of each remedy, a row each with the current setting on top, and a panel per quantity.
 
     Args:
-        measured: From `remedy_scores.measure`.
+        scores: As the others of `remedy_scores.Measured`.
+        n: Taps of the sequences by which beliefs are scored.
+        taps: Reaction time at which errors are compared.
+        played: Trials.
 
     Returns:
         Gain in log score, change of the error where decisions can err, and miscalibration; blue is better than the
         setting as it is, orange worse, grey not told apart.
     """
-    scores = measured.scores
     if not scores:
         return None
     names = [score.name for score in scores]
     panels: list[tuple[list[Interval], str, bool]] = [
         (
-            [_per_tap(score.gain, measured.n) for score in scores],
-            f"gain in log score\nafter {_taps(measured.n)} (nats per tap)",
+            [_per_tap(score.gain, n) for score in scores],
+            f"gain in log score\nafter {_taps(n)} (nats per tap)",
             True,
         )
     ]
-    errors, label = _error_changes(measured)
+    errors, label = _error_changes(scores, taps, played)
     if any(_known(error) for error in errors[1:]):
         panels.append((errors, label, False))
     height = 1.2 + _ROW * len(names)
@@ -368,19 +370,19 @@ def _taps(n: int) -> str:
     return f"{n} tap{'s' * (n != 1)}"
 
 
-def _error_changes(measured: Measured) -> tuple[list[Interval], str]:
+def _error_changes(scores: Sequence[Scored], taps: float, played: xr.Dataset) -> tuple[list[Interval], str]:
     """Changes of the error in the object, or in the position where no change of that is seen, and what they are."""
     nothing: Interval = (None, None, None)
-    changes: list[Interval] = [score.error_change or nothing for score in measured.scores]
-    places: list[Interval] = [score.where_error_change or nothing for score in measured.scores]
+    changes: list[Interval] = [score.error_change or nothing for score in scores]
+    places: list[Interval] = [score.where_error_change or nothing for score in scores]
     name = "what_error"
     if not _changed(changes) and _changed(places):
         name, changes = "where_error", places
-    unit = measured.played[name].attrs.get("units", "")
+    unit = played[name].attrs.get("units", "")
     quantity = "change of object error" if name == "what_error" else "change of position error"
     label = f"change of {unit}" if unit == "P(wrong)" else axis_label(quantity, unit)
-    taps = f"{measured.taps:.3g}"
-    return changes, f"{label}\nat {taps} tap{'s' * (taps != '1')} on average"
+    number = f"{taps:.3g}"
+    return changes, f"{label}\nat {number} tap{'s' * (number != '1')} on average"
 
 
 def _reach(numbers: NDArray[np.float64]) -> tuple[float, float]:

@@ -119,6 +119,7 @@ def _suspect(row: Row) -> str:
 
 def _remedy(audit: Audit, summary: Row) -> Iterator[Block]:
     remedy, theta = summary["remedy"]["evidence"], summary["threshold"]
+    tried = audit.measured
     yield Brief(_remedies(summary), columns=(0, 1, 3, 6, 7))
     rig, recorded = (
         ("", "") if summary["simulated"] else (" --rig replay:TAPS", " (or the `rig.toml` that recorded them)")
@@ -141,9 +142,9 @@ def _remedy(audit: Audit, summary: Row) -> Iterator[Block]:
     effects = Picture(
         "remedies",
         "Effect of the remedies",
-        f"Gain in log score per tap over {audit.measured.n} taps, change of the error at the same mean reaction time "
+        f"Gain in log score per tap over {tried.n} taps, change of the error at the same mean reaction time "
         "and miscalibration at the threshold, with 95% intervals of each alone; the table allows for their number.",
-        partial(figures.remedies, audit.measured),
+        partial(figures.remedies, tried.scores, tried.n, tried.taps, tried.played),
         narrow=True,
     )
     yield Section("Effects with intervals", [effects], folded=True)

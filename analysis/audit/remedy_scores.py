@@ -37,6 +37,7 @@ from ...models.setting_file import Setting
 from ...models.taps import TapSet
 from ...models.threads import cores, in_order
 from ..page.ahead import draw_ahead, later
+from ..page.figure_sizes import for_all_widths
 from ..page.page import Row
 from ..stats.decisions import at_equal_taps, play_models, spread_of
 from ..stats.reliability import THETAS, headline, reliability
@@ -44,9 +45,9 @@ from ..stats.right_model import SIMULATIONS, Beside, compare, exact, reference_f
 from .remedies import Remedy
 
 if TYPE_CHECKING:
-    from . import figures_reliability
-else:  # it loads matplotlib
-    (figures_reliability,) = later(__package__, "figures_reliability")
+    from . import figures, figures_reliability
+else:  # they load matplotlib
+    figures, figures_reliability = later(__package__, "figures", "figures_reliability")
 
 _SEQUENCES, _RESAMPLE_SEQUENCES = 20, 6  # of each class, at least; the latter even, for halves
 _ROUGH_RESAMPLES, _ROUGH_TRIALS = 20, 200
@@ -207,6 +208,7 @@ def measure(
             )
         )
         advance(1)
+    draw_ahead(for_all_widths(partial(figures.remedies, scores, n, time, played)))
     own_table = tables[base.name]
     reference = reference_factors(base.model, own_table, base.setting, policy, trials // 2, seed, simulations, advance)
     judged = judge(as_it_is, base.model, own_table.pool, reference)

@@ -226,7 +226,6 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
                 resamples=settings.resamples,
                 simulations=settings.simulations,
             )
-    draw_ahead(for_all_widths(partial(figures.remedies, measured)))
     (split, no_split, p), (promised, broken) = parted.result(), promises.result()
     with clock.stage("Tuning thresholds", 2) as advance:
         recalibrated = recalibrate(base, parts, settings.trials, seed)

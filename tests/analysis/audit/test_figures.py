@@ -1,6 +1,6 @@
 """Figures of an audit: what stands on them, for odd sizes and where something cannot be told."""
 
-from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -147,10 +147,10 @@ def scored(name: str, gain=None, change=None, place=None, factor=(None, None, No
     return Scored(name, (-1.0, -1.2, -0.8), gain, None, None, change, place, 9.0, factor)
 
 
-def measured(*scores: Scored, unit: str = "mm") -> SimpleNamespace:
+def measured(*scores: Scored, unit: str = "mm") -> dict[str, Any]:
     """What `remedies` reads of a measurement."""
     played = xr.Dataset({"what_error": ((), 0.0, {"units": unit}), "where_error": ((), 0.0, {"units": "cm"})})
-    return SimpleNamespace(scores=list(scores), n=5, taps=8.25, played=played)
+    return {"scores": list(scores), "n": 5, "taps": 8.25, "played": played}
 
 
 BASE = scored("current setting", factor=(20.0, 10.0, np.inf))
@@ -161,7 +161,7 @@ SAME = scored("same", (0.1, -0.5, 0.5))
 
 def test_remedies_share_rows_with_the_setting_as_it_is_on_top():
     """Gains are per tap, units stand on the axes, and what is better is blue in both panels."""
-    figure = figures.remedies(measured(BASE, BETTER, WORSE, SAME))
+    figure = figures.remedies(**measured(BASE, BETTER, WORSE, SAME))
     figure.canvas.draw()
     gain, error, factor = figure.axes
 
@@ -184,7 +184,7 @@ def test_remedies_share_rows_with_the_setting_as_it_is_on_top():
 def test_an_infinite_factor_ends_at_the_axis():
     """And is called so."""
     endless = scored("endless", (0.1, -0.5, 0.5), factor=(np.inf, np.inf, np.inf))
-    factor = figures.remedies(measured(BASE, endless)).axes[-1]
+    factor = figures.remedies(**measured(BASE, endless)).axes[-1]
 
     (mark,) = (line for line in factor.lines if line.get_marker() == ">")
     assert (mark.get_xdata()[0], mark.get_ydata()[0]) == (factor.get_xlim()[1], 1)
@@ -194,7 +194,7 @@ def test_an_infinite_factor_ends_at_the_axis():
 def test_a_factor_beyond_the_axis_is_a_mark_at_its_end():
     """With the part of its interval that the axis holds."""
     large = scored("large", factor=(1e7, 3.0, 1e14))
-    factor = figures.remedies(measured(BASE, large)).axes[-1]
+    factor = figures.remedies(**measured(BASE, large)).axes[-1]
     most = factor.get_xlim()[1]
     lines = [(line.get_marker(), line.get_xdata().tolist()) for line in factor.lines if line.get_ydata()[0] == 1]
 
@@ -207,25 +207,24 @@ def test_a_factor_beyond_the_axis_is_a_mark_at_its_end():
 
 def test_one_tap_is_no_plural():
     """In the label of the errors, however it is rounded."""
-    one = measured(BASE, BETTER)
-    one.taps = 1.0004
-    assert figures.remedies(one).axes[1].get_xlabel().endswith("at 1 tap on average")
+    one = measured(BASE, BETTER) | {"taps": 1.0004}
+    assert figures.remedies(**one).axes[1].get_xlabel().endswith("at 1 tap on average")
 
 
 def test_without_errors_two_panels_are_left():
     """A single remedy of which only the gain is known is drawn without its error."""
-    gain, factor = figures.remedies(measured(BASE, SAME)).axes
+    gain, factor = figures.remedies(**measured(BASE, SAME)).axes
 
     assert gain.get_xlabel().startswith("gain")
     assert factor.get_xscale() == "log"
-    assert figures.remedies(measured()) is None
+    assert figures.remedies(**measured()) is None
 
 
 def test_where_no_object_can_be_wrong_the_position_error_is_shown():
     """With one object its error is always zero, and the position's unit stands on the axis."""
     zero = (0.0, 0.0, 0.0)
     remedy = scored("finer grid", (0.1, -0.1, 0.2), zero, (-0.2, -0.3, -0.1))
-    _, error, _ = figures.remedies(measured(BASE, remedy)).axes
+    _, error, _ = figures.remedies(**measured(BASE, remedy)).axes
 
     assert error.get_xlabel().startswith("change of position error (cm)")
     assert [line.get_xdata()[0] for line in error.lines if line.get_marker() == "o"] == [0, -0.2]
@@ -233,7 +232,7 @@ def test_where_no_object_can_be_wrong_the_position_error_is_shown():
 
 def test_a_share_of_wrong_decisions_keeps_its_name():
     """Where objects have no size the error is P(wrong)."""
-    _, error, _ = figures.remedies(measured(BASE, BETTER, unit="P(wrong)")).axes
+    _, error, _ = figures.remedies(**measured(BASE, BETTER, unit="P(wrong)")).axes
 
     assert error.get_xlabel().startswith("change of P(wrong)\n")
 
