@@ -37,7 +37,6 @@ from ...models.setting_file import Setting
 from ...models.taps import TapSet
 from ...models.threads import cores, in_order
 from ..page.ahead import draw_ahead, later
-from ..page.figure_sizes import for_all_widths
 from ..page.page import Row
 from ..stats.decisions import at_equal_taps, play_models, spread_of
 from ..stats.reliability import THETAS, headline, reliability
@@ -45,9 +44,9 @@ from ..stats.right_model import SIMULATIONS, Beside, compare, exact, reference_f
 from .remedies import Remedy
 
 if TYPE_CHECKING:
-    from . import figures, figures_reliability
-else:  # they load matplotlib
-    figures, figures_reliability = later(__package__, "figures", "figures_reliability")
+    from . import figures_reliability
+else:  # it loads matplotlib
+    (figures_reliability,) = later(__package__, "figures_reliability")
 
 _SEQUENCES, _RESAMPLE_SEQUENCES = 20, 6  # of each class, at least; the latter even, for halves
 _ROUGH_RESAMPLES, _ROUGH_TRIALS = 20, 200
@@ -140,6 +139,7 @@ def measure(
     *,
     resamples: int = RESAMPLES,
     simulations: int = SIMULATIONS,
+    scored: Callable[[list[Scored], int, float, xr.Dataset], object] | None = None,
 ) -> Measured:
     """Measures remedies; the first is the setting as it is.
 
@@ -152,6 +152,7 @@ def measure(
         advance: Told how much of `count_measurements` is done.
         resamples: Of the taps, for intervals.
         simulations: Of a correct model, with which beliefs are compared.
+        scored: Called with `scores`, `n`, `taps` and `played` of the result as soon as they are known.
     """
     base = remedies[0]
     shared = _known_to_all(remedies, taps)
@@ -208,7 +209,8 @@ def measure(
             )
         )
         advance(1)
-    draw_ahead(for_all_widths(partial(figures.remedies, scores, n, time, played)))
+    if scored is not None:
+        scored(scores, n, time, played)
     own_table = tables[base.name]
     reference = reference_factors(base.model, own_table, base.setting, policy, trials // 2, seed, simulations, advance)
     judged = judge(as_it_is, base.model, own_table.pool, reference)

@@ -225,6 +225,7 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
                 advance,
                 resamples=settings.resamples,
                 simulations=settings.simulations,
+                scored=lambda *known: draw_ahead(for_all_widths(partial(figures.remedies, *known))),
             )
     (split, no_split, p), (promised, broken) = parted.result(), promises.result()
     with clock.stage("Tuning thresholds", 2) as advance:
