@@ -8,9 +8,12 @@ once and from there to the workers that need them.
 import logging
 import time
 from collections.abc import Callable, Generator, Iterator
+from concurrent import futures
 from concurrent.futures import CancelledError
 from contextlib import contextmanager, suppress
+from functools import partial
 from queue import Empty, SimpleQueue
+from threading import Thread
 from typing import Any
 from uuid import uuid4
 
@@ -27,6 +30,7 @@ _SECONDS_PER_THREAD = 0.01  # batches that take this long for each thread of the
 _LEAST_S = 0.5
 _LOOK_S = 1.0
 _ANSWER_S = 30.0
+_GRACE_S = 1.0  # for what ends by a time limit of its own
 
 
 class WrongCode(Exception):
@@ -80,8 +84,9 @@ def _connected(address: str, patience_s: float) -> Iterator[Client]:
 def _client(address: str, deadline: float, patience_s: float) -> Client:
     while True:
         left = deadline - time.monotonic()
+        begin = partial(Client, address, timeout=max(min(left, 5.0), 0.1), set_as_default=False)
         try:
-            return Client(address, timeout=max(min(left, 5.0), 0.1), set_as_default=False)
+            return _within(left, begin)
         except (OSError, ValueError) as error:
             if isinstance(error, ValueError):
                 raise InputError(
@@ -95,11 +100,29 @@ def _client(address: str, deadline: float, patience_s: float) -> Client:
 def _await_worker(client: Client, address: str, deadline: float, patience_s: float) -> None:
     try:
         client.wait_for_workers(1, timeout=max(deadline - time.monotonic(), 0.1))
-        found: Any = client.run(code, on_error="return")
+        found: Any = _within(deadline - time.monotonic(), partial(client.run, code, on_error="return"))
     except (TimeoutError, OSError, CancelledError) as error:
         raise InputError(f"The scheduler at {address} has no worker after {patience_s:g} s.") from error
     for worker, theirs in found.items():
         _check(worker, code(), theirs)
+
+
+def _within[T](seconds: float, work: Callable[[], T]) -> T:
+    """What some work of a client gives, which may wait for good for a scheduler that is there but silent.
+
+    Raises:
+        TimeoutError: It takes longer; what waits is left behind.
+    """
+    result = futures.Future[T]()
+
+    def run() -> None:
+        try:
+            result.set_result(work())
+        except BaseException as error:  # noqa: BLE001 - raised by who waits
+            result.set_exception(error)
+
+    Thread(target=run, daemon=True).start()
+    return result.result(timeout=max(seconds, 0.0) + _GRACE_S)
 
 
 def _check(worker: str, expected: dict[str, str], found: Any) -> None:

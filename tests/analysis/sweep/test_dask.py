@@ -1,5 +1,7 @@
 """Sweeps on a Dask cluster: a scheduler and two workers as processes of their own."""
 
+import socket
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -169,3 +171,14 @@ def test_a_scheduler_without_workers_is_named(make_study, cluster):
 
     with pytest.raises(InputError, match="has no worker after 1 s"):
         run(make_study(), cluster, patience=1.0)
+
+
+def test_a_scheduler_that_says_nothing_is_not_waited_for():
+    """As of a process that was stopped, or behind a network that drops what is sent."""
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        address = f"tcp://127.0.0.1:{silent.getsockname()[1]}"
+        begun = time.monotonic()
+        with pytest.raises(InputError, match=f"There is no Dask scheduler at {address} after 2 s"):
+            list(on_cluster(address, 2.0, print)(iter([((1,), 2)]), abs, abs))
+
+    assert time.monotonic() - begun < 20
