@@ -1,6 +1,6 @@
 """Audit of the naive-Bayes assumption on recorded taps: where it fails, what that costs, which remedy helps."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -194,7 +194,9 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
             lambda advance: time_dependence(tested.taps, of_class, progress=advance, **options),
             classes,
         )
-        draw_ahead(_figures_of_tests(parts, leaks, taxels, times))
+        draw_ahead(_when_ended(leaks, lambda found: [partial(figures.leakage, found)]))
+        draw_ahead(_when_ended(taxels, lambda found: [partial(figures.taxel_map, found)]))
+        draw_ahead(_when_ended(times, lambda found: [partial(figures.times, found, parts.train.preprocessing.rate_hz)]))
         with clock.stage("Fitting the setting in use"):
             base = no_change(setting, parts.train, grid)
         parted = clock.beside(
@@ -209,7 +211,9 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
         promises = clock.beside(
             threads, "Checking error bounds", lambda _: _promises(base, parts.measure, grid, settings, policy_of(base))
         )
-        draw_ahead(_figures_of_model(leaks, parted, checks, promises))
+        draw_ahead(_when_ended(parted, lambda found: _figures_of_causes(found, leaks.result())))
+        draw_ahead(_when_ended(checks, lambda found: [partial(figures_checks.figure_checks, found)]))
+        draw_ahead(_when_ended(promises, lambda found: [partial(figures_reliability.guarantee_factors, found[0])]))
         with clock.stage("Fitting remedies", count_remedies(settings.models)) as advance:
             remedies, refused = make_remedies(base, parts.train, parts.tune, SEQUENCE, seed, advance, settings.models)
         with clock.stage("Tuning on taps of a correct model", settings.tuned_simulations) as advance:
@@ -259,27 +263,16 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
     )
 
 
-def _figures_of_tests(
-    parts: AuditParts, leaks: Future[Leakage], taxels: Future[xr.Dataset], times: Future[xr.Dataset]
-) -> Iterator[Callable[[], Any]]:
-    """Figures of stages that end before remedies are fitted, in their order."""
-    yield partial(figures.leakage, leaks.result())
-    yield partial(figures.taxel_map, taxels.result())
-    yield partial(figures.times, times.result(), parts.train.preprocessing.rate_hz)
+def _when_ended[T](stage: Future[T], draws: Callable[[T], Iterable[Callable[[], Any]]]) -> Iterator[Callable[[], Any]]:
+    """Figures of what a stage finds."""
+    yield from draws(stage.result())
 
 
-def _figures_of_model(
-    leaks: Future[Leakage],
-    parted: Future[tuple[xr.Dataset | None, str, float]],
-    checks: Future[xr.DataTree],
-    promises: Future[tuple[xr.Dataset, dict[str, PromiseTest]]],
-) -> Iterator[Callable[[], Any]]:
-    """Figures of stages that end before the last one, in their order."""
-    split, _, p = parted.result()
-    if split is not None:
-        yield from for_all_widths(partial(figures.seen_causes, split, shown_cause(leaks.result(), split, p)))
-    yield partial(figures_checks.figure_checks, checks.result())
-    yield partial(figures_reliability.guarantee_factors, promises.result()[0])
+def _figures_of_causes(found: tuple[xr.Dataset | None, str, float], leaks: Leakage) -> Iterable[Callable[[], Any]]:
+    split, _, p = found
+    return (
+        for_all_widths(partial(figures.seen_causes, split, shown_cause(leaks, split, p))) if split is not None else ()
+    )
 
 
 def _enough(base: Remedy, measured: Measured, settings: AuditSettings, clock: StageClock) -> list[Detectable]:

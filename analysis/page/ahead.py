@@ -1,4 +1,4 @@
-"""Figures of a report, drawn while its study goes on: by a process of their own, or on a thread."""
+"""Figures of a report, drawn while its study goes on: by a process of their own, or on threads, one at a time."""
 
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError, Executor, Future
@@ -6,6 +6,7 @@ from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from functools import partial
 from importlib import import_module
+from threading import Lock
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ...models.threads import other_threads
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
     from .figure_style import Drawing
 
 type _Drawings = dict[tuple[Any, ...], tuple[Any, Drawing | None]]
+
+_WAITING = 16  # of those that wait for what they draw, so that others are drawn meanwhile
 
 
 class Later(NamedTuple):
@@ -45,14 +48,16 @@ def later(package: str, *names: str) -> tuple[Any, ...]:
 class _Ahead:
     """What is drawn, and by whom."""
 
-    def __init__(self, thread: Executor, process: SideProcess | None) -> None:
+    def __init__(self, threads: Executor, process: SideProcess | None) -> None:
         self.drawings: _Drawings = {}
         self.begun: list[Future[None]] = []
-        self._thread, self._process, self._wanted = thread, process, True
+        self._taken: set[tuple[Any, ...]] = set()
+        self._take, self._turn = Lock(), Lock()
+        self._threads, self._process, self._wanted = threads, process, True
         self.beside = process is not None  # whether no thread has drawn
 
     def begin(self, draws: Iterable[Callable[[], Any]]) -> None:
-        self.begun.append(self._thread.submit(self._draw, draws))
+        self.begun.append(self._threads.submit(self._draw, draws))
 
     def stop(self) -> None:
         """Draws no further figure."""
@@ -63,7 +68,10 @@ class _Ahead:
     def _draw(self, draws: Iterable[Callable[[], Any]]) -> None:
         for draw in draws:
             key = key_of(draw)
-            if key not in self.drawings:
+            with self._take:
+                first = key not in self._taken
+                self._taken.add(key)
+            if first:
                 with suppress(Exception):  # drawn again for the page, which says why it fails
                     self.drawings[key] = draw, self._drawing(draw)
 
@@ -83,7 +91,8 @@ class _Ahead:
                 number, svg, inches, curves = found
                 return Drawing(svg, inches, partial(_pixels, process, number, draw), curves)
         self.beside = False
-        return drawn(draw)
+        with self._turn:
+            return drawn(draw)
 
 
 def _pixels(process: SideProcess, number: int, draw: Callable[[], Any]) -> bytes:
@@ -104,8 +113,8 @@ def drawing_ahead() -> Iterator[None]:
 
     A process of their own draws them where this one has no threads yet.
     """
-    with side_process(drawing_process.load) as process, other_threads(1) as thread:
-        ahead = _Ahead(thread, process)
+    with side_process(drawing_process.load) as process, other_threads(_WAITING) as threads:
+        ahead = _Ahead(threads, process)
         token = _AHEAD.set(ahead)
         try:
             yield
@@ -120,7 +129,8 @@ def draw_ahead(draws: Iterable[Callable[[], Any]]) -> None:
     """Draws figures of a page while the study goes on, if it runs in `drawing_ahead`.
 
     Args:
-        draws: As in `Picture.draw`, with the same arguments; taken on another thread, so they may wait for them.
+        draws: As in `Picture.draw`, with the same arguments, one after the other; taken on a thread of their own, so
+            they may wait for them.
     """
     ahead = _AHEAD.get()
     if ahead is not None:

@@ -118,7 +118,7 @@ def _within[T](seconds: float, work: Callable[[], T]) -> T:
     def run() -> None:
         try:
             result.set_result(work())
-        except BaseException as error:  # noqa: BLE001 - raised by who waits
+        except BaseException as error:
             result.set_exception(error)
 
     Thread(target=run, daemon=True).start()
