@@ -212,10 +212,10 @@ def remedies(scores: Sequence[Scored], n: int, taps: float, played: xr.Dataset) 
     """Effect of each remedy, a row each with the current setting on top, and a panel per quantity.
 
     Args:
-        scores: As the others of `remedy_scores.Measured`.
+        scores: Of each remedy, the current setting first.
         n: Taps of the sequences by which beliefs are scored.
         taps: Reaction time at which errors are compared.
-        played: Trials.
+        played: Trials of the remedies, whose errors have units.
 
     Returns:
         Gain in log score, change of the error where decisions can err, and miscalibration; blue is better than the

@@ -270,9 +270,9 @@ def _when_ended[T](stage: Future[T], draws: Callable[[T], Iterable[Callable[[], 
 
 def _figures_of_causes(found: tuple[xr.Dataset | None, str, float], leaks: Leakage) -> Iterable[Callable[[], Any]]:
     split, _, p = found
-    return (
-        for_all_widths(partial(figures.seen_causes, split, shown_cause(leaks, split, p))) if split is not None else ()
-    )
+    if split is None:
+        return ()
+    return for_all_widths(partial(figures.seen_causes, split, shown_cause(leaks, split, p)))
 
 
 def _enough(base: Remedy, measured: Measured, settings: AuditSettings, clock: StageClock) -> list[Detectable]:

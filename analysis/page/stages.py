@@ -37,7 +37,7 @@ class StageClock:
     def beside[T](
         self, threads: Executor, name: str, work: Callable[[Callable[[int], None]], T], total: int = 1
     ) -> Future[T]:
-        """Does the work of a stage on another thread; it is given the function that advances its bar."""
+        """Does the work of a stage on another thread and one core; it is given the function that advances its bar."""
         told = self._begun(name, total)
 
         def timed() -> T:

@@ -7,7 +7,7 @@ import sys
 import time
 from functools import partial
 from pathlib import Path
-from threading import get_ident
+from threading import Event, get_ident
 
 import numpy as np
 import pytest
@@ -114,6 +114,34 @@ def test_a_figure_that_cannot_be_drawn_ahead_costs_no_other(tmp_path):
         with pytest.warns(UserWarning, match="fig0 could not be drawn: ValueError"):
             images = draw_pictures(tmp_path, pictures, lambda _: None)
     assert isinstance(images["fig1"], Image)
+
+
+def test_a_figure_that_waits_for_its_stage_holds_up_no_other(tmp_path):
+    """And each is drawn once, though the page asks for all of them again."""
+    ended, done, count = Event(), Event(), []
+
+    def waiting():
+        ended.wait(20)
+        yield late
+
+    def late():
+        count.append("late")
+        return Figure()
+
+    def draw():
+        count.append("draw")
+        done.set()
+        return Figure()
+
+    with drawing_ahead():
+        draw_ahead(waiting())
+        draw_ahead([draw])
+        assert done.wait(5)
+        ended.set()
+        draw_ahead([late, draw])
+        images = draw_pictures(tmp_path, [Picture(one.__name__, "", "", one) for one in (late, draw)], lambda _: None)
+    assert count == ["draw", "late"]
+    assert set(images) == {"late", "draw"}
 
 
 def test_a_module_is_loaded_when_its_function_is_called():
