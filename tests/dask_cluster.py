@@ -23,8 +23,8 @@ class Cluster:
         """Of the scheduler."""
         return f"tcp://127.0.0.1:{self.port}"
 
-    def scheduler(self) -> subprocess.Popen:
-        return self._start("scheduler", "--host", "127.0.0.1", "--port", str(self.port), "--no-dashboard")
+    def scheduler(self, *words: object) -> subprocess.Popen:
+        return self._start("scheduler", "--host", "127.0.0.1", "--port", str(self.port), "--no-dashboard", *words)
 
     def worker(self, *words: object) -> subprocess.Popen:
         return self._start("worker", self.address, "--nthreads", "1", "--no-nanny", "--no-dashboard", *words)
@@ -41,6 +41,8 @@ class Cluster:
             "OMP_NUM_THREADS": "1",
             "OPENBLAS_NUM_THREADS": "1",
             "DASK_LOGGING__DISTRIBUTED": "error",
+            # Programs that this process optimizes less, see `conftest.py`, would round differently there.
+            "JAX_DISABLE_MOST_OPTIMIZATIONS": str(_optimizes_little()),
         }
         self.processes.append(
             subprocess.Popen(
@@ -48,6 +50,10 @@ class Cluster:
             )
         )
         return self.processes[-1]
+
+
+def _optimizes_little() -> bool:
+    return "jax" in sys.modules and sys.modules["jax"].config.read("jax_disable_most_optimizations")
 
 
 def wait_for(port: int) -> None:

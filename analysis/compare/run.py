@@ -19,7 +19,7 @@ from ...inference.tuning.tempering import fit_tempered
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
 from ...models.measurement.fits.portable import PortableFit
-from ...models.measurement.generic.source import all_registered, take_over
+from ...models.measurement.generic.source import registered_of, take_over
 from ...models.measurement.likelihood.bins import bin_edges
 from ...models.measurement.model import Fitted
 from ...models.measurement.registry import KINDS, NAMES, check_states, measurement_model, split_name, suited
@@ -140,7 +140,7 @@ def compare_models(
     fits, learned, refused, seconds = _fit_all(settings.models, train, grid, fit, clock, crew)
     shared = _shared(fits, test)
     how = settings.folds, settings.one_recording, settings.seed
-    left = LeftGroups(settings.leave_out, train, test, grid, fit, *how, all_registered(), Kept())
+    left = LeftGroups(settings.leave_out, train, test, grid, fit, *how, _functions(settings.models), Kept())
     decide = partial(_decide, fits, shared, grid, settings, clock, each)
 
     def predict() -> tuple[Any, ...]:
@@ -214,13 +214,17 @@ def _edges(train: TapSet, grid: ClassGrid, fit: FitSettings) -> Any:
 
 
 class _Training(NamedTuple):
-    """What is fitted to, and how; with the functions of users that are registered here."""
+    """What is fitted to, and how; with the functions of users among the models."""
 
     taps: TapSet
     grid: ClassGrid
     fit: FitSettings
     functions: dict[str, Any]
     progress: ShownHere
+
+
+def _functions(names: Sequence[str]) -> dict[str, Any]:
+    return registered_of(split_name(name)[0] for name in names)
 
 
 def _fit(name: str, given: _Training) -> tuple[PortableFit | None, str, float]:
@@ -246,7 +250,7 @@ def _fit_all(
     learned: dict[str, str] = {}
     refused: dict[str, str] = {}
     seconds: dict[str, float] = {}
-    given = _Training(train, grid, fit, all_registered(), ShownHere(clock.progress))
+    given = _Training(train, grid, fit, _functions(names), ShownHere(clock.progress))
     order = sorted(names, key=lambda name: not _by_numpyro(name))  # one thread fits these, so they end last
     results = iter((on_threads(alone=_by_numpyro, ahead=len(names)) if crew is None else crew)(_fit, order, given))
     found: dict[str, tuple[PortableFit | None, str, float]] = {}

@@ -27,7 +27,7 @@ from ...models.errors import InputError
 from ...models.grid import ClassGrid
 from ...models.measurement.fits.portable import PortableFit
 from ...models.measurement.fits.posterior import EXACT
-from ...models.measurement.generic.source import all_registered, take_over
+from ...models.measurement.generic.source import registered_of, take_over
 from ...models.measurement.histogram import HistogramModel
 from ...models.measurement.model import Fitted, TapModel
 from ...models.progress import silent
@@ -119,13 +119,13 @@ def simulate_tuned(
     """
     usable = [taps.select(known) for taps in sets if (known := model.known(taps)).any()]
 
-    simulated = _Simulated(PortableFit(Fitted(model, None, EXACT)), usable, tune, seed, all_registered())
+    simulated = _Simulated(PortableFit(Fitted(model, None, EXACT)), usable, tune, seed, registered_of([model.kind]))
     found = crew(_tuned, range(simulations), simulated, progress)
     return np.array([[np.nan] * count if row is None else row for row in found])
 
 
 class _Simulated(NamedTuple):
-    """What data sets are simulated from, and what is done with each; with the functions of users registered here."""
+    """What data sets are simulated from, and what is done with each; with the function of a user's model."""
 
     made: PortableFit
     sets: list[TapSet]

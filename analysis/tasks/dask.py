@@ -10,15 +10,18 @@ import time
 from collections.abc import Callable, Generator, Iterator
 from concurrent import futures
 from concurrent.futures import CancelledError
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
+from dataclasses import dataclass
 from functools import partial
 from queue import Empty, SimpleQueue
 from threading import Thread
 from typing import Any
 from uuid import uuid4
 
+import numpy as np
 from dask import config
 from distributed import Client, Future, KilledWorker, get_worker
+from distributed.protocol import pickle
 
 from ...models.errors import InputError
 from ...models.threads import one_blas_thread, one_core
@@ -31,6 +34,7 @@ _LEAST_S = 0.5
 _LOOK_S = 1.0
 _ANSWER_S = 30.0
 _GRACE_S = 1.0  # for what ends by a time limit of its own
+_LOSSES = 5
 
 
 class WrongCode(Exception):
@@ -50,20 +54,32 @@ def on_cluster(address: str, patience_s: float, note: Callable[[str], object]) -
         note: Called with a sentence when they are.
 
     Raises:
-        InputError: There is no scheduler or no worker in that time, or a worker runs other software.
+        InputError: There is no scheduler or no worker in that time, a worker runs other software, a task cannot be
+            sent, or the scheduler is lost again and again before it has finished one.
     """
     # What these libraries log about a lost connection is pages long; `note` says it in a sentence.
     for library in ("distributed", "tornado", "asyncio"):
         logging.getLogger(library).setLevel(logging.CRITICAL)
 
     def run(tasks: Iterator[Task], work: Work, load: Load) -> Generator[Outcome]:
-        queue = TaskQueue(tasks, _LEAST_S)
+        queue, losses = TaskQueue(tasks, _LEAST_S), 0
         while queue:
-            with _connected(address, patience_s) as client:
-                try:
-                    yield from _Session(client, queue, work, load).outcomes()
-                except _Lost:
-                    note(f"The connection to the scheduler at {address} is lost; waiting for it to come back.")
+            try:
+                with (
+                    _connected(address, patience_s) as client,
+                    closing(_Session(client, queue, work, load, patience_s).outcomes()) as outcomes,
+                ):
+                    for outcome in outcomes:
+                        losses = 0
+                        yield outcome
+            except _Lost as lost:
+                losses += 1
+                if losses == _LOSSES:
+                    why = "" if lost.__cause__ is None else f" The last time: {_told(lost.__cause__)}."
+                    raise InputError(
+                        f"The scheduler at {address} lost its tasks {_LOSSES} times before one was finished.{why}"
+                    ) from lost
+                note(f"The connection to the scheduler at {address} is lost; waiting for it to come back.")
 
     return run
 
@@ -101,10 +117,19 @@ def _await_worker(client: Client, address: str, deadline: float, patience_s: flo
     try:
         client.wait_for_workers(1, timeout=max(deadline - time.monotonic(), 0.1))
         found: Any = _within(deadline - time.monotonic(), partial(client.run, code, on_error="return"))
-    except (TimeoutError, OSError, CancelledError) as error:
-        raise InputError(f"The scheduler at {address} has no worker after {patience_s:g} s.") from error
+        _within(deadline - time.monotonic(), partial(client.run_on_scheduler, code))
+    except ImportError as error:
+        raise InputError(f"The scheduler at {address} cannot run this solidtouch: {_told(error)}.") from error
+    except TimeoutError as error:
+        raise _no_worker(address, patience_s) from error
+    except (OSError, CancelledError) as error:
+        raise _Lost from error
     for worker, theirs in found.items():
         _check(worker, code(), theirs)
+
+
+def _no_worker(address: str, patience_s: float) -> InputError:
+    return InputError(f"The scheduler at {address} has no worker after {patience_s:g} s.")
 
 
 def _within[T](seconds: float, work: Callable[[], T]) -> T:
@@ -145,27 +170,30 @@ class _Session:
         queue: Tasks to do.
         work: What each of them does.
         load: Gives data by name.
+        patience_s: Time in seconds to wait for the scheduler to answer, and for a worker where all are gone.
     """
 
-    def __init__(self, client: Client, queue: TaskQueue, work: Work, load: Load) -> None:
+    def __init__(self, client: Client, queue: TaskQueue, work: Work, load: Load, patience_s: float) -> None:
         self._client = client
         self._queue = queue
         self._work = work
         self._load = load
+        self._patience_s = patience_s
         self._name = uuid4().hex[:8]
         self._submitted = 0
         self._out: dict[Future, Batch] = {}
         self._data: dict[str, Future] = {}
         self._ended: SimpleQueue[Future] = SimpleQueue()
         self._looked = -_LOOK_S
+        self._worked = time.monotonic()
         self._limit = 0
 
-    def outcomes(self) -> Iterator[Outcome]:
+    def outcomes(self) -> Generator[Outcome]:
         """Outcomes as tasks finish.
 
         Raises:
             _Lost: The scheduler has to be found anew; what it had goes back to the queue.
-            InputError: A worker runs other software.
+            InputError: A worker runs other software, all workers are gone for too long, or a task cannot be sent.
         """
         try:
             while self._queue or self._out:
@@ -174,29 +202,38 @@ class _Session:
                     future = self._ended.get(timeout=_LOOK_S)
                 except Empty:
                     continue
-                yield from self._received(future, self._out.pop(future))
-        except (OSError, CancelledError, TimeoutError) as error:
-            raise _Lost from error
+                outcomes = self._received(future, self._out[future])
+                del self._out[future]
+                yield from outcomes
         finally:
             for batch in self._out.values():
                 self._queue.lost(batch)
             with suppress(Exception):
-                self._client.cancel([*self._out, *self._data.values()], force=True)
+                _within(_GRACE_S, partial(self._client.cancel, [*self._out, *self._data.values()], force=True))
 
     def _fill(self) -> None:
         """Keeps the workers in work."""
         if time.monotonic() - self._looked > _LOOK_S:
-            workers: Any = self._client.nthreads()
+            with _asking():
+                workers: Any = _within(self._patience_s, self._client.nthreads)
             threads = sum(workers.values())
             self._looked, self._limit = time.monotonic(), 3 * threads + 2
+            if threads:
+                self._worked = self._looked
+            elif self._looked - self._worked > self._patience_s:
+                scheduler: Any = self._client.scheduler
+                raise _no_worker(scheduler.address, self._patience_s)
             self._queue.seconds = max(_LEAST_S, _SECONDS_PER_THREAD * threads)
         while self._queue and len(self._out) < self._limit:
             batch = self._queue.take()
             self._submitted += 1
             # A name for each data lets the scheduler see their batches as one group and hand them to any worker.
             key = f"tasks-{self._name}-{batch.data}", self._submitted
-            given = self._given(batch.data), batch, self._work, code()
-            future = self._submit(_work, *given, key=key)
+            try:
+                future = self._submit(_work, (batch, self._work), self._given(batch.data), code(), key=key)
+            except _Lost:
+                self._queue.lost(batch)
+                raise
             self._out[future] = batch
             future.add_done_callback(self._ended.put)
 
@@ -206,40 +243,77 @@ class _Session:
             needed = {batch.data for batch in self._out.values()}
             self._data = {other: future for other, future in self._data.items() if other in needed}
             # As an argument the scheduler keeps it, and can give it to another worker when one dies with it.
-            self._data[name] = self._submit(_keep, self._load(name), key=f"data-{self._name}-{name}")
+            self._data[name] = self._submit(_unpacked, self._load(name), key=f"data-{self._name}-{name}")
         return self._data[name]
 
-    def _submit(self, function: Callable[..., Any], *arguments: Any, key: Any) -> Future:
-        with config.set({"distributed.admin.large-graph-warning-threshold": "1TB"}):
-            return self._client.submit(function, *arguments, key=key, pure=False)
+    def _submit(self, function: Callable[..., Any], sent: Any, *others: Any, key: Any) -> Future:
+        try:
+            packed = _packed(sent)
+        except Exception as error:
+            raise InputError(f"A task cannot be sent to the cluster: {_told(error)}.") from error
+        with _asking(), config.set({"distributed.admin.large-graph-warning-threshold": "1TB"}):
+            return self._client.submit(function, packed, *others, key=key, pure=False)
 
     def _received(self, future: Future, batch: Batch) -> list[Outcome]:
         """The outcomes of a batch that has ended one way or the other."""
         if future.status == "finished":
-            outcomes: Any = self._client.gather(future, direct=False)
+            with _asking():
+                packed: Any = self._client.gather(future, direct=False)
+            outcomes = _unpacked(packed)
             self._queue.finished(outcomes)
             return outcomes
-        if future.status != "error":
-            self._queue.lost(batch)
+        # A scheduler that cannot read data forgets the batches that need them.
+        failed = next((one for one in (future, self._data[batch.data]) if one.status == "error"), None)
+        if failed is None:
             raise _Lost
-        error = future.exception(timeout=_ANSWER_S)
+        with _asking():
+            error: Any = failed.exception(timeout=_ANSWER_S)
         if isinstance(error, WrongCode):
             raise InputError(str(error)) from error
         if isinstance(error, KilledWorker):
             return self._queue.died(batch, "The workers that it ran on died; they may have run out of memory.")
-        return self._queue.died(batch, f"The worker could not run it: {type(error).__name__}: {error}.")
+        return self._queue.died(batch, f"The cluster could not run it: {_told(error)}.")
 
 
-def _keep(data: Any) -> Any:
-    """The data, as a task of the cluster."""
-    return data
+@contextmanager
+def _asking() -> Iterator[None]:
+    """Takes any error of the client for a lost scheduler: a client that is closed raises others than a connection."""
+    try:
+        yield
+    except Exception as error:
+        raise _Lost from error
 
 
-def _work(data: Any, batch: Batch, work: Work, expected: dict[str, str]) -> list[Outcome]:
+def _told(error: BaseException) -> str:
+    """An exception in one line."""
+    return f"{type(error).__name__}: {' '.join(str(error).split())}".rstrip(".: ")
+
+
+@dataclass(frozen=True)
+class _Packed:
+    """A pickled object. The scheduler does not unpickle it, so it needs neither the modules nor the files of users."""
+
+    head: bytes
+    buffers: list[Any]
+
+
+def _packed(value: Any) -> _Packed:
+    """The object, pickled without copying its arrays."""
+    buffers: list[Any] = []
+    head = pickle.dumps(value, buffer_callback=lambda buffer: buffers.append(np.asarray(buffer.raw())))
+    return _Packed(head, buffers)
+
+
+def _unpacked(packed: _Packed) -> Any:
+    return pickle.loads(packed.head, buffers=packed.buffers)
+
+
+def _work(packed: _Packed, data: Any, expected: dict[str, str]) -> _Packed:
     """The outcomes of a batch, on a worker."""
     try:
         _check(get_worker().address, expected, code())
     except InputError as error:
         raise WrongCode(str(error)) from error
+    batch, work = _unpacked(packed)
     with one_core(), one_blas_thread():
-        return [attempt(task, work, data) for task in batch.tasks]
+        return _packed([attempt(task, work, data) for task in batch.tasks])

@@ -8,7 +8,7 @@ import importlib.util
 import inspect
 import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -36,9 +36,9 @@ def add(function: Callable[..., Any], name: str) -> StoryFunction:
     return _registered[name]
 
 
-def all_registered() -> dict[str, StoryFunction]:
-    """Generative models that have been named in this process, by name, for `take_over` in another."""
-    return dict(_registered)
+def registered_of(kinds: Iterable[str]) -> dict[str, StoryFunction]:
+    """Those models of some kinds that are generative models named in this process, for `take_over` in another."""
+    return {kind: _registered[kind] for kind in kinds if kind in _registered}
 
 
 def take_over(registered: dict[str, StoryFunction]) -> None:

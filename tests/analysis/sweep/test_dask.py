@@ -1,5 +1,6 @@
 """Sweeps on a Dask cluster: a scheduler and two workers as processes of their own."""
 
+import signal
 import socket
 import time
 from collections.abc import Callable, Iterator
@@ -101,17 +102,27 @@ def test_a_scheduler_that_comes_back_is_given_what_is_left(make_study, cluster):
     xr.testing.assert_identical(dataset, alone(path))
 
 
-def test_a_scheduler_that_stays_away_ends_the_sweep_which_goes_on_later(make_study, cluster):
+@pytest.mark.parametrize(
+    ("lost", "sentence"),
+    [
+        ("all", r"^There is no Dask scheduler at tcp://127\.0\.0\.1:\d+ after 5 s"),
+        ("silent", r"^There is no Dask scheduler at tcp://127\.0\.0\.1:\d+ after 5 s"),
+        ("workers", r"^The scheduler at tcp://127\.0\.0\.1:\d+ has no worker after 5 s"),
+    ],
+)
+def test_a_cluster_that_stays_away_ends_the_sweep_which_goes_on_later(make_study, cluster, lost, sentence):
     path = make_study(GRID, trials=TRIALS)
-    cluster.scheduler()
+    scheduler = cluster.scheduler()
     wait_for(cluster.port)
-    cluster.worker()
+    worker = cluster.worker()
 
     def stop(tally: SweepProgress) -> None:
         if tally.done == 4:
-            cluster.end()
+            {"all": cluster.end, "silent": lambda: scheduler.send_signal(signal.SIGSTOP), "workers": worker.kill}[
+                lost
+            ]()
 
-    with pytest.raises(InputError, match=r"There is no Dask scheduler at tcp://127\.0\.0\.1:\d+ after 5 s"):
+    with pytest.raises(InputError, match=sentence):
         run(path, cluster, stop, patience=5.0)
     done = int((open_sweep(path.with_suffix(".zarr"))["status"] == 1).sum())
 
@@ -132,17 +143,19 @@ def test_a_cell_that_raises_does_not_stop_the_others(make_study, cluster):
 
 
 @pytest.mark.parametrize(
-    ("code", "sentence"),
+    ("where", "code", "sentence"),
     [
-        (OTHER_VERSION, r"The worker tcp://.* other software than this client: numba 0\.1 instead of"),
-        (WITHOUT, r"The worker tcp://.* cannot run this solidtouch: .*No module named"),
+        ("worker", OTHER_VERSION, r"The worker tcp://.* other software than this client: numba 0\.1 instead of"),
+        ("worker", WITHOUT, r"The worker tcp://.* cannot run this solidtouch: .*No module named"),
+        ("scheduler", WITHOUT, r"The scheduler at tcp://.* cannot run this solidtouch: .*No module named"),
     ],
-    ids=["other", "without"],
+    ids=["other", "without", "scheduler_without"],
 )
-def test_a_worker_without_the_same_software_is_refused(make_study, cluster, code, sentence):
+def test_a_cluster_without_the_same_software_is_refused(make_study, cluster, where, code, sentence):
     preload = cluster.folder / "preload.py"
     preload.write_text(code, encoding="utf-8")
-    cluster.scheduler(), cluster.worker("--preload", preload)
+    words = {where: ("--preload", preload)}
+    cluster.scheduler(*words.get("scheduler", ())), cluster.worker(*words.get("worker", ()))
 
     with pytest.raises(InputError, match=sentence):
         run(make_study(), cluster)

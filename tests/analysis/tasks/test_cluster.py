@@ -1,6 +1,8 @@
 """Studies on a Dask cluster of two processes, against the same in this process."""
 
 import json
+import sys
+from types import ModuleType
 
 import pytest
 import xarray as xr
@@ -9,6 +11,8 @@ from solidtouch.analysis.compare.report import compare
 from solidtouch.analysis.sensitivity.report import sensitivity
 from solidtouch.analysis.strategies.report import strategies
 from solidtouch.analysis.tasks.crew import crew_of
+from solidtouch.models.errors import InputError
+from solidtouch.models.measurement.generic import source
 from solidtouch.models.settings import FitSettings
 from task_runners import slow_square
 
@@ -66,6 +70,24 @@ def test_a_comparison_is_the_same(cluster, parts, models):
     for name, group in here.tree.subtree_with_keys:
         xr.testing.assert_identical(group.to_dataset().drop_attrs(), there.tree[name].to_dataset().drop_attrs())
     assert set(told.values()) == {0}
+
+
+def test_functions_go_to_workers_where_a_comparison_names_them(cluster, parts, monkeypatch):
+    """Which must have the modules that they need."""
+    module = ModuleType("not_on_workers")
+
+    def heavy(where, what, taps=None, *, L, M, J, K): ...
+
+    module.heavy = heavy
+    heavy.__module__, heavy.__qualname__ = module.__name__, "heavy"
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+    monkeypatch.setattr(source, "_registered", {})
+    source.add(heavy, "heavy")
+    few = {"draws": 0, "trials": 40, "thresholds": [0.9], "scheduler": cluster.address}
+
+    assert compare(*parts, models="gaussian", **few).summary["models"]
+    with pytest.raises(InputError, match=r"^The cluster could not run it: ModuleNotFoundError: .*'not_on_workers'"):
+        compare(*parts, models=["gaussian", "heavy"], **few)
 
 
 def test_a_sensitivity_study_is_the_same(cluster, parts):
