@@ -215,7 +215,7 @@ class _Session:
         """Keeps the workers in work."""
         if time.monotonic() - self._looked > _LOOK_S:
             with _asking():
-                workers: Any = _within(self._patience_s, self._client.nthreads)
+                workers: Any = _within(max(self._patience_s, _ANSWER_S), self._client.nthreads)
             threads = sum(workers.values())
             self._looked, self._limit = time.monotonic(), 3 * threads + 2
             if threads:

@@ -12,6 +12,7 @@ import xarray as xr
 from dask_cluster import Cluster, wait_for
 from solidtouch.analysis.sweep.result import open_sweep
 from solidtouch.analysis.sweep.run import SweepProgress, sweep
+from solidtouch.analysis.tasks import dask as task_dask
 from solidtouch.analysis.tasks.dask import on_cluster
 from solidtouch.analysis.tasks.local import in_this_process
 from solidtouch.models.errors import InputError
@@ -110,7 +111,8 @@ def test_a_scheduler_that_comes_back_is_given_what_is_left(make_study, cluster):
         ("workers", r"^The scheduler at tcp://127\.0\.0\.1:\d+ has no worker after 5 s"),
     ],
 )
-def test_a_cluster_that_stays_away_ends_the_sweep_which_goes_on_later(make_study, cluster, lost, sentence):
+def test_a_cluster_that_stays_away_ends_the_sweep_which_goes_on_later(make_study, cluster, monkeypatch, lost, sentence):
+    monkeypatch.setattr(task_dask, "_ANSWER_S", 5.0)
     path = make_study(GRID, trials=TRIALS)
     scheduler = cluster.scheduler()
     wait_for(cluster.port)
