@@ -189,19 +189,21 @@ def write_in_blocks(dataset: Any, name: str, path: Path) -> None:
             written[which] = block
 
 
-def extreme_samples(samples: Any, may_miss: bool = False) -> NDArray[Any]:
-    """Lowest and highest sample of each tap and taxel, shape (N, 2, K).
+def extreme_samples(samples: Any, may_miss: bool = False, of_taxels: bool = True) -> NDArray[Any]:
+    """Lowest and highest sample of each tap and taxel, shape (N, 2, K), or of each tap, shape (N, 2).
 
     Args:
         samples: Shape (N, J, K).
         may_miss: Whether samples that are NaN do not count; NaN where there is no other. Else they are the lowest and
             the highest.
+        of_taxels: Whether those of each taxel are wanted, which takes several times as long.
     """
-    least, most = (np.fmin, np.fmax) if may_miss else (np.minimum, np.maximum)
+    extremes = (np.fmin, np.fmax) if may_miss else (np.minimum, np.maximum)
 
     def of(block: NDArray[Any], _: slice) -> NDArray[Any]:
         with np.errstate(invalid="ignore"):
-            return np.stack((_folded(least, block), _folded(most, block)), axis=1)
+            ends = [_folded(each, block) if of_taxels else each.reduce(block, axis=(1, 2)) for each in extremes]
+        return np.stack(ends, axis=1)
 
     return np.concatenate(list(over_blocks(samples, of)))
 

@@ -46,13 +46,13 @@ def check_values(dataset: xr.Dataset, extremes: NDArray[Any]) -> None:
 
     Args:
         dataset: Of the right shapes.
-        extremes: Lowest and highest sample of each tap and taxel, shape (N, 2, K).
+        extremes: Lowest and highest sample of each tap, shape (N, 2), or of each tap and taxel, shape (N, 2, K).
 
     Raises:
         InputError: A value is not finite, points outside its table or contradicts another.
     """
     sizes, may_miss = dataset.sizes, dataset.attrs.get("missing") == "drop"
-    wrong = (np.isinf(extremes) if may_miss else ~np.isfinite(extremes)).any(axis=(1, 2))
+    wrong = (np.isinf(extremes) if may_miss else ~np.isfinite(extremes)).reshape(sizes["tap"], -1).any(axis=1)
     if wrong.any():
         tap = int(wrong.argmax())
         _check_finite("taps", dataset.variables["taps"][tap : tap + 1].values, may_miss, tap)

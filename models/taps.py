@@ -84,10 +84,12 @@ class TapSet:
         if not isinstance(self.dataset, xr.Dataset):
             raise InputError(f"A TapSet holds an xarray dataset, got {type(self.dataset).__name__}; see from_arrays.")
         check_shapes(self.dataset)
-        extremes = self.extremes
-        check_values(self.dataset, extremes)
         if self.samples.nbytes > storage.ON_DISK:
-            object.__setattr__(self, "scanned", extremes)
+            object.__setattr__(self, "scanned", self.extremes)
+        ends = self.scanned
+        if ends is None:
+            ends = extreme_samples(self.samples, self.missing == "drop", of_taxels=False)
+        check_values(self.dataset, ends)
 
     @classmethod
     def from_arrays(

@@ -1,8 +1,9 @@
 """Training, tuning and measuring taps of an audit."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +23,8 @@ _HALVED = (
 )
 
 
-class AuditParts(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class AuditParts:
     """Taps by what they are for. Sessions are numbered anew, so that no two of different files share a number.
 
     Attributes:
@@ -48,7 +50,7 @@ class AuditParts(NamedTuple):
         """Whether the session that measures trains as well."""
         return bool(np.isin(self.measure.session, self.train.session).any())
 
-    @property
+    @cached_property
     def all_taps(self) -> TapSet:
         """All taps together, those that train first and those that measure last."""
         return concatenate([self.train, *self.tune, self.measure])

@@ -135,40 +135,52 @@ def _observed(values: Floats, strata: Strata) -> tuple[Floats, Floats, Floats]:
     sizes = np.zeros((len(strata), 2))
     for s, own in enumerate(strata):
         units, n = unit_residuals(values[own]), len(own)
-        varies = (units != 0).any(axis=0).astype(np.float64)
-        each = units.transpose(2, 1, 0)
-        products[s] = n * _by_lag(unbiased_correlation(each @ each.transpose(0, 2, 1), n))
-        weight[s] = n * _by_lag(varies.T[:, :, np.newaxis] * varies.T[:, np.newaxis, :])
+        varies = (units != 0).any(axis=0)
+        _add_by_lag(
+            np.ascontiguousarray(units.transpose(2, 1, 0)), varies, unbiased_correlation(n), n, products[s], weight[s]
+        )
         if n > 2:
             D = varies.sum()
             sizes[s] = n * D**2, n * (D + squared_correlations(units.reshape(n, -1)))
     return products, weight, sizes
 
 
-def unbiased_correlation(r: ArrayLike, n: int) -> Floats:
-    """Correlations of normal variables, unbiased, from correlations of n taps; r itself where n is 2.
+@compiled
+def _add_by_lag(
+    units: Floats, varies: NDArray[np.bool_], estimate: Floats, weight: float, products: Floats, weights: Floats
+) -> None:
+    """Adds the unbiased correlations of a stratum, times its weight, and the weights of those there are, by lag.
 
-    Olkin and Pratt, "Unbiased estimation of certain correlation coefficients", 1958; read off a grid.
+    Args:
+        units: Residuals, shape (K, J, n).
+        varies: Which there are, shape (J, K).
+        estimate: From `unbiased_correlation`.
+        weight: Of the stratum.
+        products: Added to, shape (J, K).
+        weights: Added to, shape (J, K).
     """
-    r = np.asarray(r, dtype=np.float64)
-    found = np.empty(r.size)
-    _estimated(r.ravel(), _unbiased(n), found)
-    return found.reshape(r.shape)
+    K, J, n = units.shape
+    for k in range(K):
+        for i in range(J):
+            for j in range(i + 1):
+                if varies[i, k] and varies[j, k]:
+                    r = 0.0
+                    for tap in range(n):
+                        r += units[k, i, tap] * units[k, j, tap]
+                    products[i - j, k] += weight * np.sign(r) * _read(estimate, abs(r))
+                    weights[i - j, k] += weight
 
 
 @cache
-def _unbiased(n: int) -> Floats:
+def unbiased_correlation(n: int) -> Floats:
+    """The unbiased estimates of correlations of normal variables where those of n taps are 0 to 1, evenly spaced.
+
+    Olkin and Pratt, "Unbiased estimation of certain correlation coefficients", 1958; r itself where n is 2.
+    """
     grid = np.linspace(0.0, 1.0, _GRID)
     if n < 4:
         return np.ones(_GRID) if n == 3 else grid
     return grid * hyp2f1(0.5, 0.5, (n - 2) / 2, 1 - np.maximum(grid, _TINY) ** 2)
-
-
-@compiled
-def _estimated(r: Floats, estimate: Floats, found: Floats) -> None:
-    """Odd function of correlations, from its values on a grid from 0 to 1."""
-    for i in range(len(r)):
-        found[i] = np.sign(r[i]) * _read(estimate, abs(r[i]))
 
 
 @compiled
@@ -215,15 +227,6 @@ def _sum_of_pairs(columns: Floats, estimate: Floats) -> float:
                 product += columns[d, i] * columns[e, i]
             total += _read(estimate, abs(product))
     return total
-
-
-def _by_lag(matrices: Floats) -> Floats:
-    """Sums of the diagonals 0, 1, ... of symmetrical matrices (K, J, J), shape (J, K)."""
-    K, J, _ = matrices.shape
-    lag = np.abs(np.arange(J)[:, np.newaxis] - np.arange(J))
-    place = lag * K + np.arange(K)[:, np.newaxis, np.newaxis]
-    sums = np.bincount(place.ravel(), weights=matrices.ravel(), minlength=J * K).reshape(J, K)
-    return sums * np.where(np.arange(J) > 0, 0.5, 1.0)[:, np.newaxis]
 
 
 def _correlations(result: xr.Dataset, products: Floats, weight: Floats, resample: Floats) -> None:
