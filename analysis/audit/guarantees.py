@@ -131,13 +131,13 @@ def broken(data: xr.Dataset, policy: str, theta: float) -> dict[str, dict[str, l
     Returns:
         By setup and object: the factor and the ends of its interval, `None` where no trial counts.
     """
-    at = data.sel(policy=policy).sel(theta=theta, method="nearest")
+    at = data.sel(policy=policy).sel(theta=theta, method="nearest").transpose("setup", "what", ...)
+    ends = np.stack([at[f"factor{end}"].values for end in ("", "_low", "_high")], axis=-1).tolist()
     return {
         str(setup): {
-            str(what): [plain(float(at[f"factor{end}"].sel(setup=setup, what=what))) for end in ("", "_low", "_high")]
-            for what in at["what"].values
+            str(what): [plain(value) for value in factor] for what, factor in zip(at["what"].values, row, strict=True)
         }
-        for setup in at["setup"].values
+        for setup, row in zip(at["setup"].values, ends, strict=True)
     }
 
 

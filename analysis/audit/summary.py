@@ -261,17 +261,15 @@ def _components(audit: Audit) -> Row:
 
 
 def _after_taps(data: xr.Dataset) -> list[Row]:
-    part = after_contacts(data)
+    part = after_contacts(data).transpose("contacts", "what", ...)
     names = ("wrong", "doubt", "calibration_error", "log_loss", "brier", "factor")
+    values = {name: np.stack([part[name + end].values for end in _ENDS], axis=-1).tolist() for name in names}
     return [
         {
             "taps": n,
-            **{
-                str(what): {name: [part[name + end].sel(contacts=n, what=what) for end in _ENDS] for name in names}
-                for what in part["what"].values
-            },
+            **{str(what): {name: values[name][i][j] for name in names} for j, what in enumerate(part["what"].values)},
         }
-        for n in part["contacts"].values
+        for i, n in enumerate(part["contacts"].values)
     ]
 
 

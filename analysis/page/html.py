@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 _IMAGE_BYTES = 2_200_000  # of all figures together; a page has less than 3 MB
 _FIGURES = 10  # among which they are shared at most: pixels of figures below their share take no fewer bytes
-_IN_URI = str.maketrans({'"': "'", "'": "%26apos;", "%": "%25", "#": "%23", "&": "%26"})
+_IN_URI = {"%": "%25", "#": "%23", "&": "%26", "'": "%26apos;", '"': "'"}  # one after the other
 _TOLD_PANELS, _TOLD_SERIES = 6, 3
 _ELEMENTS = {"": Markup("{0}"), "strong": Markup("<strong>{0}</strong>"), "code": Markup("<code>{0}</code>")}
 _BRACKET = re.compile(r"[\[(].*?[\])]")
@@ -134,7 +134,9 @@ def _narrow(drawing: Drawing | None) -> str:
 def _svg_uri(data: bytes) -> str:
     """An address to stand in quotation marks, of an SVG whose attributes do; a browser knows links by a short name."""
     text = data.decode().replace("xlink:href", "href").replace(">\n", ">").replace("\n", " ")
-    return f"data:image/svg+xml,{text.translate(_IN_URI)}"
+    for character, written in _IN_URI.items():  # faster than `translate`
+        text = text.replace(character, written)
+    return f"data:image/svg+xml,{text}"
 
 
 def _png_uri(data: bytes) -> str:
