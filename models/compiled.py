@@ -12,6 +12,7 @@ import numpy as np
 from llvmlite import ir
 from numba.core import types
 from numba.core.caching import FunctionCache
+from numba.core.runtime import rtsys
 from numba.extending import intrinsic
 from numpy.typing import ArrayLike
 
@@ -53,8 +54,10 @@ class _Cache(FunctionCache):
         self._cache_file._source_stamp = [(file, Path(file).stat().st_mtime_ns) for file in files]
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
+        rtsys.initialize(target_context)  # what the compiler knows besides takes a tenth of a second to load
         try:
-            return super().load_overload(sig, target_context)
+            with self._guard_against_spurious_io_errors():
+                return self._load_overload(sig, target_context)
         except Exception:
             self.flush()
             return None
