@@ -12,7 +12,7 @@ from .shared.options import CELLS, Exponent, Fields, Force, Seed, Style, spelled
 from .shared.report import command_line, report_folder, show_report
 
 _Passive = Annotated[bool, Option("--passive", help="Evaluate passive trials, which never move.")]
-_QUICK_TRIALS, _QUICK_PERMUTATIONS = 500, 159
+_QUICK_TRIALS, _QUICK_PERMUTATIONS = 500, 119
 _QUICK: dict[str, Any] = {
     "resamples": 25,
     "replicates": 15,
@@ -81,7 +81,7 @@ def audit(
             help=f"Preview with wider intervals that misses small effects: {_QUICK_TRIALS} trials, "
             f"{_QUICK_PERMUTATIONS} permutations, {_QUICK['resamples']} resamples, {_QUICK['replicates']} replicates, "
             f"{_QUICK['simulations']} simulations and {_QUICK['most_taps']} taps of a class and session at most; no "
-            "tuned exponents of a correct model and no variance components.",
+            "tuned exponents of a correct model, no variance components, and no figures for narrow windows.",
         ),
     ] = False,
     seed: Seed = 0,

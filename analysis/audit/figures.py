@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
-from matplotlib.colors import ListedColormap, to_rgba
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize, to_rgba
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
@@ -132,21 +133,16 @@ def plot_taxel_map(axes: Axes, one: xr.Dataset) -> Axes:
     test = str(one["test"].values)
     signed = test == "rank"
     reach = float(np.abs(effect[known]).max(initial=_LEAST_REACH.get(test, 0.01)))
-    place: dict[str, Any] = {"origin": "upper", "interpolation": "nearest", "zorder": 2}
-    image = axes.imshow(
-        np.ma.masked_array(effect, ~below),
-        cmap="RdBu_r" if signed else "YlGnBu",
-        vmin=-reach if signed else 0.0,
-        vmax=reach,
-        **place,
-    )
+    colours = ScalarMappable(Normalize(-reach if signed else 0.0, reach), "RdBu_r" if signed else "YlGnBu")
+    shown = np.zeros((K, K, 4))
+    shown[np.eye(K, dtype=bool)] = to_rgba("white")
+    shown[below] = colours.to_rgba(effect[below])
+    shown[above] = np.where(rejected[above, np.newaxis], to_rgba("black"), to_rgba(_SPARED))
+    axes.imshow(shown, origin="upper", interpolation="nearest", zorder=2)
     if signed and K <= _SIGNS:
-        for row, column in zip(*np.nonzero(below & (effect < 0)), strict=True):
-            axes.plot(column, row, "_", color="black", markersize=3.5, markeredgewidth=0.6, zorder=3)
-    survives = np.ma.masked_array(rejected, ~above)
-    axes.imshow(survives, cmap=ListedColormap([_SPARED, "black"]), vmin=0, vmax=1, **place)
-    axes.imshow(np.ma.masked_array(np.ones((K, K)), ~np.eye(K, dtype=bool)), cmap="Greys", vmin=1, vmax=2, **place)
-    bar = axes.figure.colorbar(image, ax=axes, orientation="horizontal", pad=0.02, shrink=0.9, aspect=25)
+        rows, columns = np.nonzero(below & (effect < 0))
+        axes.plot(columns, rows, "_", color="black", markersize=3.5, markeredgewidth=0.6, zorder=3)
+    bar = axes.figure.colorbar(colours, ax=axes, orientation="horizontal", pad=0.02, shrink=0.9, aspect=25)
     bar.set_label(str(one["effect_unit"].values))
     bar.locator = MaxNLocator(nbins=5, steps=[1, 2, 5, 10])
     bar.update_ticks()

@@ -50,7 +50,8 @@ def _causes(audit: Audit, summary: Row) -> Iterator[Block]:
     evidence = summary["first_cause"]["evidence"]
     variance = evidence["variance"]
     if audit.split is not None and variance is not None and variance["classes"]:
-        yield from _variance(audit.split, variance, shown_cause(audit.leakage, audit.split, audit.session_p))
+        cause = shown_cause(audit.leakage, audit.split, audit.session_p)
+        yield from _variance(audit.split, variance, cause, narrow=not audit.preview)
     else:
         yield (
             "The variance of the evidence cannot be decomposed: "
@@ -58,7 +59,7 @@ def _causes(audit: Audit, summary: Row) -> Iterator[Block]:
         )
 
 
-def _variance(split: "xr.Dataset", variance: Row, cause: str) -> Iterator[Block]:
+def _variance(split: "xr.Dataset", variance: Row, cause: str, *, narrow: bool) -> Iterator[Block]:
     yield Picture(
         "causes",
         "Causes of the variance of the evidence",
@@ -66,7 +67,7 @@ def _variance(split: "xr.Dataset", variance: Row, cause: str) -> Iterator[Block]
         "intervals over classes; pale bars are not significant. Shares are differences of estimates, so they may lie "
         "below 0 or above 1.",
         partial(figures.seen_causes, split, cause),
-        narrow=True,
+        narrow=narrow,
     )
     said = (
         "The evidence of a tap is its log-likelihood ratio for its own class against the nearest rival. The first row "
@@ -145,7 +146,7 @@ def _remedy(audit: Audit, summary: Row) -> Iterator[Block]:
         f"Gain in log score per tap over {tried.n} taps, change of the error at the same mean reaction time "
         "and miscalibration at the threshold, with 95% intervals of each alone; the table allows for their number.",
         partial(figures.remedies, tried.scores, tried.n, tried.taps, tried.played),
-        narrow=True,
+        narrow=not audit.preview,
     )
     yield Section("Effects with intervals", [effects], folded=True)
     each = [

@@ -174,7 +174,8 @@ def audit(
         tuned_simulations: Likewise for tuned exponents; 0 skips that.
         most_taps: Of one class and session on which independence is tested, evidence judged and predictions checked;
             at least 8.
-        components: Whether variance components of gain and offset are estimated.
+        components: Whether variance components of gain and offset are estimated, and figures drawn for narrow windows,
+            too.
         seed: Random seed.
         progress: Called with the name and size of every stage; returns the function that advances it.
         command: The command line, for the page.

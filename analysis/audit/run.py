@@ -67,7 +67,8 @@ class AuditSettings:
 
     Intervals are from so many `resamples` of the measuring taps, checks of predictions from so many `replicates`, and
     beliefs are compared with so many `simulations` of a correct model, tuned exponents with `tuned_simulations`.
-    Independence is tested, evidence judged, and predictions checked on `most_taps` of a class and session at most.
+    Independence is tested, evidence judged, and predictions checked on `most_taps` of a class and session at most. A
+    preview is without `components` of variance, and without figures for narrow windows.
     """
 
     setting: Setting = field(default_factory=Setting)
@@ -137,6 +138,11 @@ class Audit(NamedTuple):
     samples_per_bin: float
     unused: int
     elapsed_s: dict[str, float]
+
+    @property
+    def preview(self) -> bool:
+        """Whether it was made in a hurry."""
+        return self.components is None
 
 
 @one_blas_thread()
@@ -211,7 +217,7 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
         promises = clock.beside(
             threads, "Checking error bounds", lambda _: _promises(base, parts.measure, grid, settings, policy_of(base))
         )
-        draw_ahead(_when_ended(parted, lambda found: _figures_of_causes(found, leaks.result())))
+        draw_ahead(_when_ended(parted, lambda found: _figures_of_causes(found, leaks.result(), settings)))
         draw_ahead(_when_ended(checks, lambda found: [partial(figures_checks.figure_checks, found)]))
         draw_ahead(_when_ended(promises, lambda found: [partial(figures_reliability.guarantee_factors, found[0])]))
         with clock.stage("Fitting remedies", count_remedies(settings.models)) as advance:
@@ -229,7 +235,9 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
                 advance,
                 resamples=settings.resamples,
                 simulations=settings.simulations,
-                scored=lambda *known: draw_ahead(for_all_widths(partial(figures.remedies, *known))),
+                scored=lambda *known: draw_ahead(
+                    for_all_widths(partial(figures.remedies, *known), settings.components)
+                ),
             )
     (split, no_split, p), (promised, broken) = parted.result(), promises.result()
     with clock.stage("Tuning thresholds", 2) as advance:
@@ -268,11 +276,13 @@ def _when_ended[T](stage: Future[T], draws: Callable[[T], Iterable[Callable[[], 
     yield from draws(stage.result())
 
 
-def _figures_of_causes(found: tuple[xr.Dataset | None, str, float], leaks: Leakage) -> Iterable[Callable[[], Any]]:
+def _figures_of_causes(
+    found: tuple[xr.Dataset | None, str, float], leaks: Leakage, settings: AuditSettings
+) -> Iterable[Callable[[], Any]]:
     split, _, p = found
     if split is None:
         return ()
-    return for_all_widths(partial(figures.seen_causes, split, shown_cause(leaks, split, p)))
+    return for_all_widths(partial(figures.seen_causes, split, shown_cause(leaks, split, p)), settings.components)
 
 
 def _enough(base: Remedy, measured: Measured, settings: AuditSettings, clock: StageClock) -> list[Detectable]:

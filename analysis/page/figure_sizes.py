@@ -102,9 +102,9 @@ def narrowly(draw: Callable[[], Figure | None]) -> Figure | None:
         return draw()
 
 
-def for_all_widths(draw: Callable[[], Figure | None]) -> list[Callable[[], Figure | None]]:
-    """The function that draws a figure, and one that draws it for a narrow window."""
-    return [draw, partial(narrowly, draw)]
+def for_all_widths(draw: Callable[[], Figure | None], narrow: bool = True) -> list[Callable[[], Figure | None]]:
+    """The function that draws a figure, and one that draws it for a narrow window, if that is wanted."""
+    return [draw, partial(narrowly, draw)] if narrow else [draw]
 
 
 def is_drawn_for_pages() -> bool:

@@ -55,7 +55,7 @@ class Picture(NamedTuple):
     @property
     def narrow_draws(self) -> "list[Callable[[], Figure | None]]":
         """What draws it for narrow windows, if anything does."""
-        return for_all_widths(self.draw)[1:] if self.narrow else []
+        return for_all_widths(self.draw, self.narrow)[1:]
 
 
 class Listing(NamedTuple):

@@ -220,7 +220,7 @@ def test_a_model_refuses_taps_prepared_otherwise(command, tmp_path, make_taps):
     ("name", "given", "least"),
     [
         ("compare", {"draws": 100, "trials": 500, "folds": 1}, {"draws": 0, "trials": 7, "folds": 1}),
-        ("audit", {"trials": 500, "permutations": 159}, {"trials": 100, "permutations": 99}),
+        ("audit", {"trials": 500, "permutations": 119}, {"trials": 100, "permutations": 99}),
     ],
 )
 def test_a_preview_takes_less_of_everything(command, monkeypatch, taps_file, name, given, least):
