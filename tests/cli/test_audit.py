@@ -148,15 +148,15 @@ def test_numbers_belong_together(three):
 
 
 @pytest.mark.slow
-def test_a_preview_says_what_it_leaves_out(files, tmp_path):
-    """Variance components are not sampled, neither told nor drawn."""
+def test_a_preview_says_what_it_leaves_out(three, files, tmp_path):
+    """Variance components are not sampled, neither told nor drawn; nothing is drawn for narrow windows."""
     done = audited(tmp_path / "audit", *files[:3], "--quick")
     assert done.code == 0, done.err
     components = done.summary["first_cause"]["evidence"]["components"]
     assert components["standard_deviations"] == components["effective_taps"] == []
-    assert components["sentences"][0].replace("`", "") in re.sub(
-        r"<[^>]+>", "", (done.folder / "report.html").read_text()
-    )
+    page = (done.folder / "report.html").read_text()
+    assert components["sentences"][0].replace("`", "") in re.sub(r"<[^>]+>", "", page)
+    assert (page.count("<picture>"), (three.folder / "report.html").read_text().count("<picture>")) == (0, 2)
 
 
 @pytest.mark.slow

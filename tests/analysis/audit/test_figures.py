@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from matplotlib.colors import to_hex
+from numpy.testing import assert_array_equal
 from solidtouch.analysis.audit import figures
 from solidtouch.analysis.audit.dependence.taxels import TESTS, taxel_dependence
 from solidtouch.analysis.audit.dependence.times import time_dependence
@@ -84,16 +85,18 @@ def test_maps_show_effects_below_the_diagonal_and_survivors_above_it(K, dead):
     found = taxel_dependence(taps, np.repeat([0, 1], 8), permutations=99, samples=1)
     figure = figures.taxel_map(found)
     figure.canvas.draw()
-    panels = figure.axes[: len(TESTS)]
+    panels, bars = figure.axes[: len(TESTS)], figure.axes[len(TESTS) :]
     pairs = (K - len(dead)) * (K - len(dead) - 1) // 2
 
-    for panel, test in zip(panels, TESTS, strict=True):
-        rejected = int(found["rejected"].sel(test=test).values.sum()) // 2
-        assert panel.get_title() == f"{rejected} of {pairs} pair{'s' * (pairs > 1)}"
-        below, above, _ = panel.images
-        assert below.get_array().count() == above.get_array().count() == pairs
-        low, high = below.get_clim()
-        assert below.get_array().max() <= high
+    for panel, bar, test in zip(panels, bars, TESTS, strict=True):
+        one = found.sel(test=test)
+        rejected = np.triu(one["rejected"].values, 1)
+        assert panel.get_title() == f"{rejected.sum()} of {pairs} pair{'s' * (pairs > 1)}"
+        shown = np.asarray(panel.images[0].get_array())
+        assert (np.tril(shown[..., 3] == 1, -1).sum(), np.triu(shown[..., 3] == 1, 1).sum()) == (pairs, pairs)
+        assert_array_equal(np.triu((shown == (0, 0, 0, 1)).all(axis=2), 1), rejected)
+        low, high = bar.get_xlim()
+        assert np.nanmax(one["effect"].values) <= high
         assert -low == high if test == "rank" else low == 0
     key = [text.get_text() for text in figure.legends[0].get_texts()]
     assert ("constant taxel or not tested" in key) == bool(dead)
