@@ -208,8 +208,9 @@ def test_commands_are_measured_into_the_page(tmp_path):
     kept = stored(document, BLOCK)
 
     assert kept.older == revision(before)
+    assert "imports" in kept.rows["`inspect` of it"][5]
     for name in ("`inspect` of it", "`import solidtouch`"):
-        assert "imports" in kept.rows[name][5]
+        assert "%" in kept.rows[name][5]  # an import is so short that only its end may be seen
         assert 0 < float(kept.rows[name][7].partition(" ")[0]) < 100
     measured = json.loads((tmp_path / "out" / "commands.json").read_text(encoding="utf-8"))
     assert len(measured["works"]) == 2
