@@ -15,6 +15,7 @@ from typing import Any
 
 from llvmlite import ir
 from numba.core import types
+from numba.core.cgutils import alloca_once
 from numba.core.errors import TypingError
 from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
@@ -73,6 +74,44 @@ def multiply_rows(_: Any, values: Any, factors: Any, first: Any, rows: Any, leng
 
     integer = types.int64
     return types.float64(values, factors, integer, integer, integer, sums), built
+
+
+@_intrinsic
+def multiply_narrow_rows(_: Any, values: Any, factors: Any, first: Any, rows: Any, sums: Any, columns: Any) -> Any:
+    """`multiply_rows` of rows of `PART` numbers, with the sums of `sum_rows`, which stay in registers meanwhile.
+
+    Args:
+        values: The numbers, changed in place, `rows` x `PART` of them.
+        factors: Where the factors are.
+        first: Index of the first of these.
+        rows: Number of rows.
+        sums: Receives the sum of each row.
+        columns: Receives the sums over rows, `PART` of them.
+
+    Returns:
+        The sum of all.
+    """
+
+    def built(context: Any, builder: Any, signature: Any, given: Any) -> Any:
+        data, by, out, across = (_data(context, builder, signature, given, i) for i in (0, 1, 4, 5))
+        total = alloca_once(builder, _FLOAT)
+        builder.store(_FLOAT(0.0), total)
+
+        def row(m: Any, column: Any) -> Any:
+            at = builder.mul(m, _number(PART))
+            factor = _load(builder, by, builder.add(given[2], at), PART)
+            product = builder.fmul(_load(builder, data, at, PART), factor)
+            _store(builder, product, data, at)
+            sum_ = _total(builder, product)
+            builder.store(sum_, builder.gep(out, [m]))
+            builder.store(builder.fadd(builder.load(total), sum_), total)
+            return builder.fadd(column, product)
+
+        _store(builder, _repeat(builder, given[3], _zeros(PART), row), across, _number(0))
+        return builder.load(total)
+
+    integer = types.int64
+    return types.float64(values, factors, integer, integer, sums, columns), built
 
 
 @_intrinsic

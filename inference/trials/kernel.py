@@ -12,7 +12,18 @@ import numpy as np
 from ...models.compiled import compiled
 from ...models.grid import TapPool
 from ...models.seeds import HALF, LOW, PER_BLOCK, TAPS
-from ...models.vectors import BLOCKS, PART, WORDS, copy, flat, largest, multiply_rows, random_blocks, sum_rows
+from ...models.vectors import (
+    BLOCKS,
+    PART,
+    WORDS,
+    copy,
+    flat,
+    largest,
+    multiply_narrow_rows,
+    multiply_rows,
+    random_blocks,
+    sum_rows,
+)
 from .records import Classes, Likelihoods, Rule, ScaledBelief, TrialPlan, Trials
 from .scaled import (
     CIRCULAR,
@@ -62,7 +73,17 @@ def plain(z: Floats, k: Integers, numbers: Floats) -> tuple[float, float]:
 
 
 @compiled
-def _move(belief: Floats, delta: int, border: int, M: int, total: float, sums: Floats, room: Floats) -> float:
+def _move(
+    belief: Floats,
+    delta: int,
+    border: int,
+    M: int,
+    total: float,
+    summed: bool,
+    sums: Floats,
+    room: Floats,
+    at_once: int,
+) -> float:
     """`scaled.shift` of a belief in plain numbers.
 
     Args:
@@ -71,8 +92,10 @@ def _move(belief: Floats, delta: int, border: int, M: int, total: float, sums: F
         border: Number of the border.
         M: Objects, of each state.
         total: Total of the belief.
-        sums: Room for L numbers.
-        room: Room for three times some objects of a belief, which are moved at a time; they should fit into the cache.
+        summed: Whether `sums` are known, where there is one state.
+        sums: The marginal over what, shape (L,), or room for it.
+        room: Room for `at_once` objects of a belief and two more.
+        at_once: How many are moved at a time; they should fit into the cache.
 
     Returns:
         The smallest number above 0 that the vacated classes got; infinity where there is none.
@@ -81,14 +104,19 @@ def _move(belief: Floats, delta: int, border: int, M: int, total: float, sums: F
     out = min(abs(delta), L)
     lost = L - out if delta > 0 else 0  # first class that leaves the range
     step = delta % L if border == CIRCULAR else out if delta > 0 else -out
+    vacated = 0 if step > 0 else L - out
     new = total / (L * M) if border == PRIOR else 0.0
     least = np.inf
-    at_once = len(room) // (3 * L)
+    following = 0  # first row of the next state, as remainders take long
+    numbers = flat(belief)
     for first in range(0, rows, at_once):
         last = min(first + at_once, rows)
+        copy(room, L, belief, first * L, (last - first) * L)
         for m in range(first, last):
-            if border == UNIFORM and m % M == 0:
-                sum_rows(belief, m * L, M, L, sums)
+            if border == UNIFORM and m == following:
+                following += M
+                if not summed:
+                    sum_rows(belief, m * L, M, L, sums)
                 new = 0.0
                 for l in range(lost, lost + out):
                     new += sums[l]
@@ -100,20 +128,19 @@ def _move(belief: Floats, delta: int, border: int, M: int, total: float, sums: F
                 new /= out
             if new > 0:
                 least = min(least, new)
-            row = (3 * (m - first) + 1) * L  # in the room, where classes that come in lie beside it
-            beside = row - L if step > 0 else row + L
-            copy(room, row, belief, m * L, L)
+            row = (m - first + 1) * L  # in the room
+            copy(belief, m * L, room, row - step, L)  # and what lies beside it there, where classes come in
+            into = np.uint64(m * L + vacated)  # unsigned, as an index from the end on would scatter the numbers
             if border == CIRCULAR:
-                copy(room, beside, belief, m * L, L)
+                for l in range(step):
+                    numbers[into + np.uint64(l)] = room[row + L - step + l]
             else:
-                for l in range(L):
-                    room[beside + l] = new
+                for l in range(out):
+                    numbers[into + np.uint64(l)] = new
             if border == CLAMP:
-                end = row - step + (L - 1 if delta > 0 else 0)
+                end = L - 1 if delta > 0 else 0
                 for l in range(lost, lost + out):
-                    room[end] += belief[m, l]
-        for m in range(first, last):
-            copy(belief, m * L, room, (3 * (m - first) + 1) * L - step, L)
+                    belief[m, end] += room[row + l]
     return least
 
 
@@ -167,14 +194,16 @@ def play(
     z, k, on = np.empty((hypotheses, L)), np.empty((hypotheses, L), np.int64), np.empty((hypotheses, L))
     zeros, old_z, old_k = np.zeros((hypotheses, L), np.int64), np.empty(L), np.empty(L, np.int64)
     where, what, sums = np.zeros(L + PART), np.empty(hypotheses), np.empty(L)
-    room = np.empty(3 * L * min(hypotheses, max(1, _MOVED // L)))
-    powers = np.empty((hypotheses, L))
+    at_once = min(hypotheses, max(1, _MOVED // L))
+    room = np.empty((at_once + 2) * L)
+    powers, numbers = np.empty((hypotheses, L)), flat(belief)
     likelihood, least_of, wide, thresholds = table.plain, table.least, table.wide, rule.thresholds
     taps, moves = np.empty((2, rule.deadline + 1), np.int64)
     words = np.empty(WORDS, np.uint64)
     order, taken, drawn = pool.order.copy(), np.zeros(L, np.int64), 0
     front, chosen, visited = np.empty((3, rule.deadline), np.int64)
     moving = rule.theta_x < 1
+    summed = (moving or rule.fresh) and L == PART  # whether positions are summed with every product
     best_where = best_what = stood = 0
     top = 0.0
     rows = _by_class(plan, first, last, L, M)  # so the taps of a class stay in the cache
@@ -232,7 +261,10 @@ def play(
             none_left = False
             known = tap + 1  # taps that the belief knows of
             least *= least_of[index]
-            total = multiply_rows(belief, likelihood, index * hypotheses * L, hypotheses, L, what)
+            if summed:
+                total = multiply_narrow_rows(belief, likelihood, index * hypotheses * L, hypotheses, what, where)
+            else:
+                total = multiply_rows(belief, likelihood, index * hypotheses * L, hypotheses, L, what)
             if wide[index]:
                 left_out = max(left_out, _FAR)
             most_left_out = np.inf
@@ -259,15 +291,17 @@ def play(
                     moves[0] = 0
                     least, left_out = plain(z, k, belief)
                 else:
-                    left_out *= scale
-                    for m in range(hypotheses):
-                        for l in range(L):
-                            value = belief[m, l] * scale
-                            if 0 < value < _FAR:
-                                left_out, value = max(left_out, _FAR), 0.0
-                            belief[m, l] = value
+                    lost = np.int64(0)
+                    for c in range(belief.size):
+                        value = numbers[c] * scale
+                        far = value < _FAR
+                        lost += np.int64(far and value > 0)
+                        numbers[c] = 0.0 if far else value
+                    left_out = max(left_out * scale, _FAR if lost > 0 else 0.0)
                     least = max(least * scale, _FAR)
                 total = multiply_rows(belief, ones, 0, hypotheses, L, what)
+                if summed:
+                    sum_rows(belief, 0, hypotheses, L, where)
             read = total
             if known > saturation:
                 if since == 0:
@@ -284,9 +318,10 @@ def play(
             last_tap = none_left or tap == rule.deadline - 1
             crossed = top / read > thresholds[decided]
             if moving or rule.fresh or last_tap or crossed:
-                if known <= saturation:
+                if known <= saturation and not summed:
                     sum_rows(belief, 0, hypotheses, L, where)
                 best_where = largest(where, L)
+            if rule.fresh or last_tap or crossed:
                 best_what = 0
                 while what[best_what] < top:
                     best_what += 1
@@ -323,7 +358,8 @@ def play(
                             old_k,
                         )
                     else:
-                        new = _move(belief, delta, rule.border, M, total, sums, room)
+                        one = states == 1 and known <= saturation
+                        new = _move(belief, delta, rule.border, M, total, one, where if one else sums, room, at_once)
                     least = min(least, new)
                     moves[since] = delta
                     commanded = at + delta

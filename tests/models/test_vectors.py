@@ -18,6 +18,11 @@ def multiply_rows(values, factors, first, sums):
 
 
 @compiled
+def multiply_narrow_rows(values, factors, first, sums, columns):
+    return vectors.multiply_narrow_rows(values, factors, first, values.shape[0], sums, columns)
+
+
+@compiled
 def sum_rows(values, first, rows, sums):
     vectors.sum_rows(values, first, rows, values.shape[1], sums)
 
@@ -68,6 +73,22 @@ def test_some_rows_are_added_up(rng, length):
     sum_rows(values, length, 3, sums)
 
     np.testing.assert_allclose(sums, [*values[1:4].sum(axis=0), 7.0], rtol=1e-14)
+
+
+def test_rows_of_one_part_are_multiplied_and_summed_both_ways_at_once(rng):
+    """As one after the other, but for products that are rounded together with a sum."""
+    values, factors = rng.random((5, vectors.PART)), rng.random((2, 5, vectors.PART))
+    sums, columns = np.full((2, 6), 7.0), np.full((2, vectors.PART + 1), 7.0)
+    expected = values.copy()
+    totals = [multiply_rows(expected, factors, 5 * vectors.PART, sums[0])]
+    sum_rows(expected, 0, 5, columns[0])
+
+    totals += [multiply_narrow_rows(values, factors, 5 * vectors.PART, sums[1], columns[1])]
+
+    np.testing.assert_array_equal(values, expected)
+    assert totals[0] == pytest.approx(totals[1], rel=1e-15)
+    np.testing.assert_allclose(*sums, rtol=1e-15)
+    np.testing.assert_allclose(*columns, rtol=1e-15)
 
 
 @pytest.mark.parametrize("length", LENGTHS)

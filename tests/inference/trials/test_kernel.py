@@ -16,6 +16,7 @@ from solidtouch.inference.trials.run import run_trials
 from solidtouch.models import seeds
 from solidtouch.models.grid import tap_pool
 from solidtouch.models.settings import PlaySettings
+from solidtouch.models.vectors import PART
 
 NEAR_TIE = 1e-6
 
@@ -89,7 +90,7 @@ def assert_same(table, plan, thresholds, theta_x, border, deadline, seed, tolera
 
 @settings(max_examples=60, deadline=None)
 @given(
-    L=st.integers(1, 9),
+    L=st.integers(1, 9) | st.just(PART),
     M=st.integers(1, 7),
     depth=st.sampled_from([0.1, 1.0, 30.0, 400.0, 1e4]),
     impossible=st.sampled_from([0.0, 0.0, 0.05, 0.5]),
@@ -172,12 +173,12 @@ def fresh_trial(table, where, what, fixation, stream, session, thresholds, theta
 
 
 @pytest.mark.parametrize("border", BORDERS)
-@pytest.mark.parametrize("theta_x", [0.0, 0.4, 1.0])
-def test_trials_on_fresh_taps_are_those_of_the_reference(border, theta_x):
+@pytest.mark.parametrize(("L", "theta_x"), [(6, 0.0), (6, 0.4), (6, 1.0), (PART, 0.0)])
+def test_trials_on_fresh_taps_are_those_of_the_reference(border, L, theta_x):
     """Classes of 0, 1, 2, 5 and 9 taps: trials stop, meet the deadline or use their class up; none repeats a tap."""
     rng = np.random.default_rng(11)
-    L, M, deadline, thresholds = 6, 3, 7, (0.97, 0.4, 1.0, 0.8)
-    count = rng.permuted(np.tile([0, 1, 2, 5, 9, 5], (M, 1)), axis=1).T
+    M, deadline, thresholds = 3, 7, (0.97, 0.4, 1.0, 0.8)
+    count = rng.permuted(np.tile(np.resize([0, 1, 2, 5, 9, 5], L), (M, 1)), axis=1).T
     where, what = np.repeat(np.argwhere(count >= 0), count.ravel(), axis=0).T
     shuffled = rng.permutation(len(where))
     where, what = where[shuffled], what[shuffled]
