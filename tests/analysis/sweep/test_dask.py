@@ -52,7 +52,7 @@ def cluster(tmp_path_factory) -> Iterator[Cluster]:
 
 
 def run(
-    path: Path, cluster: Cluster, progress: Callable[[SweepProgress], None] = lambda _: None, patience: float = 25.0
+    path: Path, cluster: Cluster, progress: Callable[[SweepProgress], None] = lambda _: None, patience: float = 120.0
 ):
     """Runs a study and gives its results."""
     notes = []
