@@ -42,7 +42,7 @@ def busy(seconds):
     while time.process_time() - began < seconds:
         pass
 def wait():
-    thread = threading.Thread(target=busy, args=[0.1])
+    thread = threading.Thread(target=busy, args=[0.4])
     thread.start()
     thread.join()
 busy(0.1)
@@ -59,8 +59,8 @@ def test_a_process_is_measured_from_outside(tmp_path):
     """Its own memory, not that of the tests, and its own processor time, not its sleep."""
     took = spent([sys.executable, "-S", "-c", BUSY + "bytearray(10**8)"], tmp_path)
 
-    assert took.seconds > 0.4
-    assert 0.2 < took.processor_s < took.seconds - 0.15
+    assert took.seconds > 0.7
+    assert 0.5 < took.processor_s < took.seconds - 0.15
     assert 1e8 < took.peak < 1.5e8
 
 
@@ -111,7 +111,7 @@ def test_an_older_state_that_takes_minutes_is_measured_once(monkeypatch):
 def test_stacks_of_all_threads_are_counted_by_processor_time(tmp_path):
     """All of them, or those that run while the main thread is in a function.
 
-    What a thread spends after its last sample is lost, which on a busy machine may be most of its 0.1 s.
+    What a thread spends after its last sample is lost, which on a busy machine may be a tenth of a second.
     """
     (tmp_path / "program.py").write_text(BUSY, encoding="utf-8")
     everything, inside = (stacks([sys.executable, "program.py"], tmp_path, name) for name in ("", "program.py:wait"))
@@ -119,10 +119,10 @@ def test_stacks_of_all_threads_are_counted_by_processor_time(tmp_path):
     def busy(counted):
         return functions(counted, r"program\.py:busy$").popitem()[1]
 
-    assert 0.1 < busy(everything) < 0.25
+    assert 0.2 < busy(everything) < 0.55
     assert sum(everything.values()) >= busy(everything)
     assert 0 <= everything[EXIT,] < 0.1
-    assert 0 < busy(inside) < 0.15
+    assert 0.1 < busy(inside) < 0.45
     assert busy(inside) <= sum(inside.values()) < busy(inside) + 0.1
 
 
