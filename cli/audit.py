@@ -19,7 +19,7 @@ _QUICK: dict[str, Any] = {
     "simulations": 39,
     "tuned_simulations": 0,
     "most_taps": 8,
-    "components": False,
+    "preview": True,
 }
 
 

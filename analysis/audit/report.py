@@ -148,7 +148,7 @@ def audit(
     simulations: int = SIMULATIONS,
     tuned_simulations: int = RIGHT_EXPONENTS,
     most_taps: int = MOST_TAPS,
-    components: bool = True,
+    preview: bool = False,
     seed: int = 0,
     progress: Progress = no_progress,
     command: str = "",
@@ -174,8 +174,7 @@ def audit(
         tuned_simulations: Likewise for tuned exponents; 0 skips that.
         most_taps: Of one class and session on which independence is tested, evidence judged and predictions checked;
             at least 8.
-        components: Whether variance components of gain and offset are estimated, and figures drawn for narrow windows,
-            too.
+        preview: Leaves out variance components of gain and offset, and figures for narrow windows.
         seed: Random seed.
         progress: Called with the name and size of every stage; returns the function that advances it.
         command: The command line, for the page.
@@ -221,7 +220,7 @@ def audit(
         simulations=simulations,
         tuned_simulations=tuned_simulations,
         most_taps=most_taps,
-        components=components,
+        preview=preview,
     )
     found = audit_taps(parts, grid, settings, progress)
     about = _about(data, parts, dropped, found.unused, command)

@@ -68,7 +68,7 @@ class AuditSettings:
     Intervals are from so many `resamples` of the measuring taps, checks of predictions from so many `replicates`, and
     beliefs are compared with so many `simulations` of a correct model, tuned exponents with `tuned_simulations`.
     Independence is tested, evidence judged, and predictions checked on `most_taps` of a class and session at most. A
-    preview is without `components` of variance, and without figures for narrow windows.
+    preview has no variance components, and no figures for narrow windows.
     """
 
     setting: Setting = field(default_factory=Setting)
@@ -84,7 +84,7 @@ class AuditSettings:
     simulations: int = SIMULATIONS
     tuned_simulations: int = RIGHT_EXPONENTS
     most_taps: int = MOST_TAPS
-    components: bool = True
+    preview: bool = False
 
 
 class Audit(NamedTuple):
@@ -141,7 +141,7 @@ class Audit(NamedTuple):
 
     @property
     def preview(self) -> bool:
-        """Whether it was made in a hurry."""
+        """Whether variance components and figures for narrow windows were left out."""
         return self.components is None
 
 
@@ -175,7 +175,7 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
             "Checking for leakage",
             lambda _: leakage(concatenate(known), parts.measure, grid, seed, settings.pre),
         )
-        if settings.components:
+        if not settings.preview:
             components = clock.beside(
                 threads,
                 "Estimating variance components",
@@ -236,7 +236,7 @@ def audit_taps(parts: AuditParts, grid: ClassGrid, settings: AuditSettings, prog
                 resamples=settings.resamples,
                 simulations=settings.simulations,
                 scored=lambda *known: draw_ahead(
-                    for_all_widths(partial(figures.remedies, *known), settings.components)
+                    for_all_widths(partial(figures.remedies, *known), not settings.preview)
                 ),
             )
     (split, no_split, p), (promised, broken) = parted.result(), promises.result()
@@ -282,7 +282,7 @@ def _figures_of_causes(
     split, _, p = found
     if split is None:
         return ()
-    return for_all_widths(partial(figures.seen_causes, split, shown_cause(leaks, split, p)), settings.components)
+    return for_all_widths(partial(figures.seen_causes, split, shown_cause(leaks, split, p)), not settings.preview)
 
 
 def _enough(base: Remedy, measured: Measured, settings: AuditSettings, clock: StageClock) -> list[Detectable]:

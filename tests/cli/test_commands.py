@@ -237,7 +237,7 @@ def test_a_preview_takes_less_of_everything(command, monkeypatch, taps_file, nam
     for more in ((), ("--quick",), ("--quick", *words)):
         assert command(name, taps_file, *more).err.endswith("enough\n")
 
-    fewer = {option: value for option, value in seen[1].items() if option not in seen[0]}
+    fewer = {option: value for option, value in seen[1].items() if option not in {*seen[0], "preview"}}
     assert {"resamples", "replicates"} <= fewer.keys()
     assert all(usual[option].default > value for option, value in fewer.items())
     full, quick, small = ({option: settings[option] for option in given} for settings in seen)

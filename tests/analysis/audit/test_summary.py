@@ -8,8 +8,9 @@ import pytest
 import xarray as xr
 from solidtouch.analysis.audit.guarantees import PromiseTest
 from solidtouch.analysis.audit.remedy_scores import BeliefEvidence
-from solidtouch.analysis.audit.summary import _clean, _judged, _other_sessions, _tuned
+from solidtouch.analysis.audit.summary import _after_taps, _clean, _judged, _other_sessions, _tuned
 from solidtouch.analysis.audit.variance.causes import seen, unseen_parts
+from solidtouch.analysis.stats.reliability import COUNTED
 from solidtouch.analysis.stats.right_exponent import Tuned
 from solidtouch.analysis.stats.right_model import Beside
 
@@ -60,6 +61,28 @@ def test_what_intervals_hold_is_said_where_there_are_any(factor, held):
     assert said.startswith(" In the 2 tuning sessions, 10.0% to 25.0% of the decisions are wrong")
     assert said.endswith("not other sessions.") == held
     assert ("intervals" in said) == held
+
+
+def test_scores_after_taps_are_those_of_their_object():
+    """Dims may come in any order; settings that stop by themselves are left out."""
+    dims, sizes = ("counted", "what", "setting"), (2, 3, 3)
+    names = ("wrong", "doubt", "calibration_error", "log_loss", "brier", "factor")
+    columns = [f"{name}{end}" for name in names for end in ("", "_low", "_high")]
+    numbers = np.random.default_rng(0).random((len(columns), *sizes))
+    coords = {
+        "what": ["all", "a", "b"],
+        "contacts": ("setting", [0, 1, 5]),
+        "theta": ("setting", [0.9, np.nan, np.nan]),
+    }
+    data = xr.Dataset({name: (dims, values) for name, values in zip(columns, numbers, strict=True)}, coords)
+
+    rows = _after_taps(data)
+
+    assert [row["taps"] for row in rows] == [1, 5]
+    for row, setting in zip(rows, (1, 2), strict=True):
+        for w, what in enumerate(("all", "a", "b")):
+            found = [value for name in names for value in row[what][name]]
+            assert found == numbers[:, COUNTED.index("all"), w, setting].tolist()
 
 
 def test_a_promise_says_beside_what_it_is_exceeded():

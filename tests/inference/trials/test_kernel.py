@@ -114,6 +114,17 @@ def test_trials_of_any_size_and_depth_are_those_of_the_reference(
     assert_same(table, plan, thresholds, theta_x, border, deadline, seed)
 
 
+@pytest.mark.parametrize("theta_x", [0.4, 0.9])
+@pytest.mark.parametrize("depth", [30.0, 400.0])
+def test_positions_are_summed_anew_where_a_belief_is_rescaled(depth, theta_x):
+    """Sixteen of them are summed with the product, before it is known that the belief has to be scaled up."""
+    for seed in (0, 5):
+        rng = np.random.default_rng(seed)
+        table = random_table(rng, PART, 3, depth, 0.0, int(rng.integers(1, 30)), 0.0, 1)
+        plan = random_plan(rng, table, 5)
+        assert assert_same(table, plan, (0.3, 0.9, 1.0, 0.999), theta_x, "clamp", 60, seed) == 0
+
+
 @pytest.mark.parametrize("saturation", [0.3, 1.5])
 @pytest.mark.parametrize("depth", [20.0, 60.0])
 def test_beliefs_to_a_power_count_the_smallest_classes(depth, saturation):
