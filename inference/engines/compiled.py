@@ -15,6 +15,7 @@ from ...models.compiled import compiled
 from ...models.errors import InputError
 from ...models.grid import nearest_trained
 from ...models.measurement.model import TapModel
+from ...models.vectors import aligned
 from ..reference import BORDERS, Border, ZeroEvidenceError
 from ..trials import scaled
 from ..trials.records import Classes, Likelihoods, ScaledBelief
@@ -33,7 +34,7 @@ def likelihoods(log_likelihood: ArrayLike) -> Likelihoods:
     z, k, least, wide = _scaled(np.asarray(log_likelihood, dtype=np.float64))
     if not wide.any():
         return Likelihoods(z, z, least, wide, k[:0])
-    plain, least = np.empty_like(z), np.ones(len(z))
+    plain, least = aligned(z.size).reshape(z.shape), np.ones(len(z))
     _unscale(z.reshape(len(z), -1), k.reshape(len(z), -1), plain.reshape(len(z), -1), least)
     return Likelihoods(z, plain, least, wide, k)
 
@@ -72,7 +73,7 @@ def _scaled(
     Also the smallest z above 0, where no k is above 0, and whether one is, each of shape (N,).
     """
     N, L, hypotheses = log_values.shape
-    z, k = np.empty((N, hypotheses, L)), np.zeros((N, hypotheses, L), dtype=np.int64)
+    z, k = aligned(N * hypotheses * L).reshape((N, hypotheses, L)), np.zeros((N, hypotheses, L), dtype=np.int64)
     least, wide = np.empty(N), np.zeros(N, dtype=np.bool_)
     _scale(log_values, z, k, least, wide)
     np.exp(z, out=z)

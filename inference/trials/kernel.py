@@ -16,6 +16,7 @@ from ...models.vectors import (
     BLOCKS,
     PART,
     WORDS,
+    aligned,
     copy,
     flat,
     largest,
@@ -45,6 +46,7 @@ _FAR = 2.0**-512  # classes below it are left out
 _LEFT_OUT = 2.0**-256  # what is left out stays below it; with that total, its share is below 2^-128 per class
 _POWER_LEFT_OUT = -64.0  # power of two that a class left out adds to a total of powers at most
 _UNIT = 2.0**-UNIT
+_SORTED = 8192  # trials whose records lie in the second cache while they are played by class
 _MOVED = 1024  # classes moved at a time, so that they stay in the first cache
 _LEAST = 2.0**-900  # of a class; products with most likelihoods stay well clear of subnormal numbers, which are slow
 _NORMAL = 2.0**-1022  # below it, a product may have become 0
@@ -146,16 +148,19 @@ def _move(
 
 @compiled
 def _by_class(plan: TrialPlan, first: int, last: int, L: int, M: int) -> Integers:
-    """Rows of a plan, those of an object and, in it, of a start together."""
-    begin, rows = np.zeros(L * M + 1, np.int64), np.empty(last - first, np.int64)
-    for i in range(first, last):
-        begin[plan.what[i] * L + plan.where[i] + 1] += 1
-    for c in range(L * M):
-        begin[c + 1] += begin[c]
-    for i in range(first, last):
-        c = plan.what[i] * L + plan.where[i]
-        rows[begin[c]] = i
-        begin[c] += 1
+    """Rows of a plan, of some at a time those of an object and, in it, of a start together."""
+    rows = np.empty(last - first, np.int64)
+    for block in range(first, last, _SORTED):
+        end = min(block + _SORTED, last)
+        begin = np.zeros(L * M + 1, np.int64)
+        for i in range(block, end):
+            begin[plan.what[i] * L + plan.where[i] + 1] += 1
+        for c in range(L * M):
+            begin[c + 1] += begin[c]
+        for i in range(block, end):
+            c = plan.what[i] * L + plan.where[i]
+            rows[block - first + begin[c]] = i
+            begin[c] += 1
     return rows
 
 
@@ -189,7 +194,8 @@ def play(
     hypotheses, L = prior.z.shape
     M = pool.nearest.shape[2]
     states, H = hypotheses // M, len(rule.thresholds)
-    start, belief, ones = np.empty((hypotheses, L)), np.empty((hypotheses, L)), np.ones((hypotheses, L))
+    start, ones = np.empty((hypotheses, L)), np.ones((hypotheses, L))
+    belief = aligned(hypotheses * L).reshape((hypotheses, L))
     start_least, start_left_out = plain(prior.z, prior.k, start)
     z, k, on = np.empty((hypotheses, L)), np.empty((hypotheses, L), np.int64), np.empty((hypotheses, L))
     zeros, old_z, old_k = np.zeros((hypotheses, L), np.int64), np.empty(L), np.empty(L, np.int64)
@@ -283,9 +289,7 @@ def play(
                                 z[m, l], k[m, l] = prior.z[m, l], prior.k[m, l]
                                 on[m, l] = 1.0 if k[m, l] == 0 else 0.0
                         exact = True
-                    none_left = follow(
-                        z, k, on, table, classes, taps, moves, since, rule.border, where, what, old_z, old_k
-                    )
+                    none_left = follow(z, k, on, table, classes, taps, moves, since, rule.border, old_z, old_k)
                     known -= none_left
                     since = 0
                     moves[0] = 0

@@ -7,7 +7,7 @@ Every random number comes from (seed, stream of the trial, tap), so the same see
 are cut into pieces and wherever these are played.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from copy import copy
 from functools import partial
 from typing import Protocol
@@ -26,8 +26,12 @@ from .records import Rule, TapTable, TrialPlan, Trials, checked_plan
 
 # The paper's range of belief thresholds; its spacing is not given.
 THRESHOLDS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.975, 0.99, 0.995)
-_AT_ONCE, _TAPS_AT_ONCE = 8192, 1 << 20  # trials and taps between two looks at what else there is to do
-_PIECES = 8  # of each thread at least, so that all end together
+_AT_ONCE, _NUMBERS_AT_ONCE = (
+    8192,
+    1 << 26,
+)  # trials and beliefs in classes between two looks at what else there is to do
+_LONGER = 4  # as often threads look less, as each look costs a change of threads
+_FEWEST = 1024  # trials that are worth the way to another thread
 
 
 def checked_thresholds(thresholds: float | Sequence[float] | None) -> tuple[float, ...]:
@@ -100,13 +104,21 @@ def play_plan(
     """Decisions of the trials of a checked plan at H thresholds, played by some threads."""
     n = len(plan.where)
     trials = empty_trials(n, H)
-    step = player.at_once if threads == 1 else max(1, min(player.at_once, -(-n // (_PIECES * threads))))
-    pieces = [(first, min(first + step, n)) for first in range(0, n, step)]
+    pieces = list(_pieces(n, threads, player.at_once * (_LONGER if threads > 1 else 1)))
     tasks = (partial(player, plan, first, last, trials) for first, last in pieces)
     for (first, last), _ in zip(pieces, in_order(tasks, threads), strict=True):
         if progress is not None:
             progress(last - first)
     return trials
+
+
+def _pieces(n: int, threads: int, most: int) -> Iterator[tuple[int, int]]:
+    """First of some trials and behind their last one, fewer and fewer, so that all threads end together."""
+    fewest, first = -(-min(n, threads * _FEWEST) // threads), 0
+    while first < n:
+        last = min(first + min(max((n - first) // threads, fewest), most), n)
+        yield first, last
+        first = last
 
 
 def make_rule(thresholds: ArrayLike, play: PlaySettings, seed: int) -> Rule:
@@ -181,7 +193,7 @@ class LoopPlayer:
         self._likelihoods = likelihoods(table.log_likelihood)
         self._pool, self._prior, self._rule = table.pool, scaled_belief(table.log_prior), rule
         self._classes, self._saturation = classes(table.trained), float(table.saturation)
-        self.at_once = max(1, min(_AT_ONCE, _TAPS_AT_ONCE // rule.deadline))
+        self.at_once = max(1, min(_AT_ONCE, _NUMBERS_AT_ONCE // (rule.deadline * table.log_prior.size)))
 
     def on(self, pool: TapPool) -> "LoopPlayer":
         """Player on another selection of the same taps, without preparing the likelihoods again."""

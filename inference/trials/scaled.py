@@ -30,6 +30,7 @@ _LOG_UNIT = UNIT * math.log(2.0)
 _SMALLEST = float(np.finfo(np.float64).tiny)
 _NEVER = int(np.float64(np.inf).view(np.int64))
 _NOTHING = 8  # units between two numbers of which the smaller one adds nothing
+_LEAST = 2.0**-900  # of a product of likelihoods; well clear of subnormal numbers
 _LEAST_TOTAL = 2.0**-128  # classes of the next k are smaller than this in proportion
 
 UNIFORM, UNIFORM_WHAT, PRIOR, CLAMP, CIRCULAR = range(5)
@@ -335,15 +336,13 @@ def follow(
     moves: Integers,
     n: int,
     border: int,
-    where: Floats,
-    what: Floats,
     old_z: Floats,
     old_k: Integers,
 ) -> bool:
-    """Updates a belief by taps and the moves between them; Eq. 3 to 6 and 9.
+    """Updates a belief by taps and the moves between them; Eq. 3, 4 and 9, not normalised.
 
     Args:
-        z: Belief, changed in place, with `k` and `on`.
+        z: Belief, changed in place, with `k` and `on`; no number above 0 is below 2^-256, before and after.
         k: Its units.
         on: 1 where k = 0, else 0.
         table: The test taps.
@@ -352,8 +351,6 @@ def follow(
         moves: Positions moved before each; 0 for no move.
         n: How many taps.
         border: Number of the border.
-        where: Receives the marginal over what, shape (L,).
-        what: Receives the marginal over where, one number per row.
         old_z: Room for L numbers.
         old_k: Room for L integers.
 
@@ -361,25 +358,34 @@ def follow(
         Whether the last tap is impossible under every class still believed in; the belief is that before it then.
     """
     M, L = classes.trained.shape
-    hypotheses = len(z)
+    numbers, units, rows, more = flat(z), flat(k), flat(table.rows), flat(table.units)
+    least = _DOWN
+    none_left = False
     for t in range(n):
         if moves[t] != 0:
-            total, _ = total_of(z, k, on, 0, hypotheses, 0, L)
+            settle(z, k, on)
+            total, _ = total_of(z, k, on, 0, len(z), 0, L)
             if classes.holes:
-                shift_around(z, k, on, moves[t], border, classes.trained, classes.nearest, total, old_z, old_k)
+                new = shift_around(z, k, on, moves[t], border, classes.trained, classes.nearest, total, old_z, old_k)
             else:
-                shift(z, k, on, moves[t], border, M, total, old_z, old_k)
-        row = table.rows[taps[t]]
-        possible = False
-        for m in range(hypotheses):
-            for l in range(L):
-                possible |= z[m, l] > 0 and row[m, l] > 0
-        if not possible:
-            return True
-        multiply(z, on, row, where, what)
+                new = shift(z, k, on, moves[t], border, M, total, old_z, old_k)
+            least = min(_DOWN, new)
+        smallest = _DOWN if table.wide[taps[t]] else table.least[taps[t]]
+        if least * smallest < _LEAST:
+            settle(z, k, on)
+            least = _DOWN
+        least *= smallest
+        first = np.uint64(taps[t] * z.size)  # unsigned, as loops over indices from the end on are not vectorised
+        possible = np.int64(0)
+        for c in range(z.size):
+            possible |= bits(numbers[c] * rows[first + np.uint64(c)])
+        if possible == 0:
+            none_left = True
+            break
+        for c in range(z.size):
+            numbers[c] *= rows[first + np.uint64(c)]
         if table.wide[taps[t]]:
-            for m in range(hypotheses):
-                for l in range(L):
-                    k[m, l] += table.units[taps[t], m, l]
-        settle(z, k, on)
-    return False
+            for c in range(z.size):
+                units[c] += more[first + np.uint64(c)]
+    settle(z, k, on)
+    return none_left

@@ -13,9 +13,18 @@ from solidtouch.inference.episode import perceive
 from solidtouch.inference.moves.control import fixation
 from solidtouch.inference.reference import BORDERS
 from solidtouch.inference.trials import gpu as device
+from solidtouch.inference.trials import kernel
 from solidtouch.inference.trials import run as montecarlo
-from solidtouch.inference.trials.records import TapTable, TrialPlan, join_plans, plan_trials, tap_table, trial_uniforms
-from solidtouch.inference.trials.run import run_trials
+from solidtouch.inference.trials.records import (
+    TapTable,
+    TrialPlan,
+    checked_plan,
+    join_plans,
+    plan_trials,
+    tap_table,
+    trial_uniforms,
+)
+from solidtouch.inference.trials.run import empty_trials, make_player, make_rule, run_trials
 from solidtouch.models.errors import InputError
 from solidtouch.models.grid import tap_pool
 from solidtouch.models.settings import PlaySettings
@@ -131,6 +140,38 @@ def test_trials_do_not_depend_on_pieces_and_threads(monkeypatch, table, plan, pl
     options = {"play": PlaySettings(theta_x=0.0, deadline=DEADLINE), "seed": SEED, "workers": workers, "fresh": fresh}
 
     assert_same(play(fresh=fresh), run_trials(table, plan, THETAS, **options))
+
+
+def test_trials_are_played_by_class_some_at_a_time(table):
+    """Of two blocks each trial is played once, and as in pieces that are shorter than one."""
+    n = kernel._SORTED + 3
+    plan = plan_trials(table.pool, n, SEED)
+    order = kernel._by_class(checked_plan(plan, table.pool), 2, n, 5, 3)
+    player = make_player(table, make_rule(THETAS, PlaySettings(deadline=3), SEED))
+    whole, parts = (empty_trials(n, len(THETAS)) for _ in range(2))
+    player(plan, 0, n, whole)
+    for first in range(0, n, 1000):
+        player(plan, first, min(first + 1000, n), parts)
+
+    np.testing.assert_array_equal(np.sort(order[: kernel._SORTED]), 2 + np.arange(kernel._SORTED))
+    np.testing.assert_array_equal(order[kernel._SORTED :], [n - 1])
+    assert (np.diff(5 * plan.what[order] + plan.where[order])[: kernel._SORTED - 1] >= 0).all()
+    for one, other in zip(whole, parts, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize("n", [1, 2, 1500, 4096, 100_000])
+@pytest.mark.parametrize("threads", [1, 2, 5])
+def test_pieces_get_smaller_to_the_end(n, threads):
+    """All trials are in one; the last ones are not much longer than what is worth the way to a thread."""
+    pieces = list(montecarlo._pieces(n, threads, 30_000))
+    sizes = [last - first for first, last in pieces]
+
+    assert [first for first, _ in pieces] + [n] == [0] + [last for _, last in pieces]
+    assert sizes == sorted(sizes, reverse=True)
+    assert 0 < max(sizes) <= 30_000
+    assert len(sizes) >= min(n, threads)
+    assert threads == 1 or sizes[-1] <= montecarlo._FEWEST
 
 
 @pytest.mark.parametrize("theta_x", [0.0, 1.0])
