@@ -90,7 +90,7 @@ class _Worker:
         """Sends a batch, and its data where the worker holds others."""
         data = load(batch.data) if batch.data != self._data else None
         self.batch, self._data = batch, batch.data
-        with suppress(OSError):  # a worker that has died is noticed when nothing comes back
+        with suppress(ConnectionError):  # a worker that has died is noticed when nothing comes back
             self.pipe.send((batch.tasks, data))
 
     def hear(self) -> list[Outcome]:

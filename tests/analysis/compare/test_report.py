@@ -53,7 +53,7 @@ def by_object(where, what, taps=None, *, M, J, K):
     ("models", "draws"),
     [
         (["histogram", "gaussian", "session:gaussian"], 100),
-        pytest.param([by_object], 0, marks=pytest.mark.slow),
+        ([by_object], 0),
     ],
     ids=["built-in", "own"],
 )
