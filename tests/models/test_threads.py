@@ -1,5 +1,6 @@
 """Tasks on threads."""
 
+import os
 import threading
 import time
 from concurrent.futures import CancelledError
@@ -106,3 +107,26 @@ def test_numpyro_runs_in_one_thread_at_a_time():
 
     list(in_order([task] * 4, 4))
     assert most == [1] * 4
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="this system has no affinities of threads")
+@pytest.mark.parametrize("fewer", [0, 1])
+def test_as_many_threads_as_cores_begin_on_one_each_and_may_use_all(monkeypatch, fewer):
+    free, begun = {0, 1, 2}, []
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: free)
+    monkeypatch.setattr(os, "sched_setaffinity", lambda _, to: begun.append((threading.get_ident(), to)))
+    meet = threading.Barrier(3 - fewer, timeout=60)
+    assert sum(in_order([meet.wait] * (3 - fewer), 3 - fewer)) == (1 if fewer else 3)
+
+    own = {thread: [to for one, to in begun if one == thread] for thread, _ in begun}
+    assert all(len(first) == 1 and last == free for first, last in own.values())
+    assert sorted(core for first, _ in own.values() for core in first) == ([] if fewer else [0, 1, 2])
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_setaffinity"), reason="this system has no affinities of threads")
+def test_threads_work_where_a_core_has_gone(monkeypatch):
+    def gone(_, to):
+        raise OSError
+
+    monkeypatch.setattr(os, "sched_setaffinity", gone)
+    assert list(in_order([lambda: 1] * 3, len(os.sched_getaffinity(0)))) == [1, 1, 1]
