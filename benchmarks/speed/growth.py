@@ -219,7 +219,7 @@ def main() -> None:
     kept = json.loads(file.read_text(encoding="utf-8"))
     found = [Growth(**curve) for curve in kept["curves"]]
     where = "\n".join(kept["machine"].splitlines()[:3])
-    load = f"- load average: {min(kept['loads']):.1f} to {max(kept['loads']):.1f}, with other work on the machine"
+    load = f"- load average: {min(kept['loads']):.1f} to {max(kept['loads']):.1f}, of which this program is 1"
     text = f"{growth_table(found)}\n\n{where}\n{load}"
     print(text)
     write_block(options.document, "growth", text)
