@@ -145,8 +145,10 @@ def write_netcdf(data: "xr.Dataset | xr.DataTree", path: Path) -> None:
 
 def _has_memory(size: int) -> bool:
     """Whether so many bytes can be allocated; HDF5 crashes Python some time after it could not write."""
+    import numpy as np  # noqa: PLC0415
+
     try:
-        bytearray(size)
+        np.empty(size, np.uint8)  # unlike `bytearray`, takes no memory until it is written to
     except MemoryError:
         return False
     return True

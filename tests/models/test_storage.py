@@ -466,3 +466,17 @@ storage.write_netcdf(data, {str(tmp_path / "a.nc")!r})
     with xr.open_dataset(tmp_path / "a.nc", engine="h5netcdf") as read:
         assert read["a"].size == 2**24
         assert read["a"][-1] == 2**24 - 1
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the peak of memory is read from /proc")
+def test_asking_for_memory_takes_none():
+    """Models of a hundred megabytes took three times their size while they were saved."""
+    code = """
+from pathlib import Path
+from solidtouch.models.storage import _has_memory
+assert _has_memory(1 << 29)
+peak = next(line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM"))
+print(int(peak.split()[1]) >> 10)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert int(done.stdout) < 256
