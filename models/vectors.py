@@ -13,16 +13,13 @@ must be contiguous, and nothing is checked.
 from collections.abc import Callable, Sequence
 from typing import Any
 
-import numpy as np
 from llvmlite import ir
 from numba.core import types
 from numba.core.cgutils import alloca_once
 from numba.core.errors import TypingError
 from numba.extending import intrinsic
 from numba.np.arrayobj import populate_array
-from numpy.typing import NDArray
 
-from .compiled import compiled
 from .seeds import PER_BLOCK, philox
 
 _intrinsic: Any = intrinsic
@@ -33,15 +30,6 @@ PART = 16
 """Numbers of the largest part."""
 BLOCKS = 8
 """Blocks of random words that are made at a time."""
-_LINE = 64  # bytes that processors fetch together
-
-
-@compiled
-def aligned(size: int) -> NDArray[np.float64]:
-    """Room for some numbers that begins with a line of the cache, so that no part of 8 lies in two."""
-    room = np.empty(size + _LINE // 8)
-    first = -room.ctypes.data % _LINE // 8
-    return room[first : first + size]
 
 
 @_intrinsic

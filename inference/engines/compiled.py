@@ -15,11 +15,11 @@ from ...models.compiled import compiled
 from ...models.errors import InputError
 from ...models.grid import nearest_trained
 from ...models.measurement.model import TapModel
-from ...models.vectors import aligned
 from ..reference import BORDERS, Border, ZeroEvidenceError
 from ..trials import scaled
 from ..trials.records import Classes, Likelihoods, ScaledBelief
 
+_LINE = 64  # bytes that processors fetch together
 _UNIT = float(scaled.UNIT * np.log(2.0))
 
 
@@ -34,7 +34,7 @@ def likelihoods(log_likelihood: ArrayLike) -> Likelihoods:
     z, k, least, wide = _scaled(np.asarray(log_likelihood, dtype=np.float64))
     if not wide.any():
         return Likelihoods(z, z, least, wide, k[:0])
-    plain, least = aligned(z.size).reshape(z.shape), np.ones(len(z))
+    plain, least = _aligned(*z.shape), np.ones(len(z))
     _unscale(z.reshape(len(z), -1), k.reshape(len(z), -1), plain.reshape(len(z), -1), least)
     return Likelihoods(z, plain, least, wide, k)
 
@@ -65,6 +65,14 @@ def refuse_border(border: int, hypotheses: int, M: int) -> None:
         raise InputError("border 'prior' does not support models that carry a state; use 'uniform'.")
 
 
+def _aligned(*shape: int) -> NDArray[np.float64]:
+    """Room for numbers that begins with a line of the cache, so that no vector register is filled from two."""
+    size = math.prod(shape)
+    room = np.empty(size + _LINE // 8)
+    first = -room.ctypes.data % _LINE // 8
+    return room[first : first + size].reshape(shape)
+
+
 def _scaled(
     log_values: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]:
@@ -73,7 +81,7 @@ def _scaled(
     Also the smallest z above 0, where no k is above 0, and whether one is, each of shape (N,).
     """
     N, L, hypotheses = log_values.shape
-    z, k = aligned(N * hypotheses * L).reshape((N, hypotheses, L)), np.zeros((N, hypotheses, L), dtype=np.int64)
+    z, k = _aligned(N, hypotheses, L), np.zeros((N, hypotheses, L), dtype=np.int64)
     least, wide = np.empty(N), np.zeros(N, dtype=np.bool_)
     _scale(log_values, z, k, least, wide)
     np.exp(z, out=z)

@@ -16,7 +16,6 @@ from ...models.vectors import (
     BLOCKS,
     PART,
     WORDS,
-    aligned,
     copy,
     flat,
     largest,
@@ -194,8 +193,7 @@ def play(
     hypotheses, L = prior.z.shape
     M = pool.nearest.shape[2]
     states, H = hypotheses // M, len(rule.thresholds)
-    start, ones = np.empty((hypotheses, L)), np.ones((hypotheses, L))
-    belief = aligned(hypotheses * L).reshape((hypotheses, L))
+    start, belief, ones = np.empty((hypotheses, L)), np.empty((hypotheses, L)), np.ones((hypotheses, L))
     start_least, start_left_out = plain(prior.z, prior.k, start)
     z, k, on = np.empty((hypotheses, L)), np.empty((hypotheses, L), np.int64), np.empty((hypotheses, L))
     zeros, old_z, old_k = np.zeros((hypotheses, L), np.int64), np.empty(L), np.empty(L, np.int64)

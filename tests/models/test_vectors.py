@@ -66,14 +66,6 @@ def test_rows_are_multiplied_and_summed(rng, length):
     assert total == pytest.approx(expected.sum(), rel=1e-14)
 
 
-@pytest.mark.parametrize("size", [0, 1, 7, 80, 100_000])
-def test_room_begins_with_a_line_of_the_cache(size):
-    rooms = [vectors.aligned(size) for _ in range(5)]
-
-    assert [room.ctypes.data % 64 for room in rooms] == [0] * 5
-    assert {room.shape for room in rooms} == {(size,)}
-
-
 @pytest.mark.parametrize("length", LENGTHS)
 def test_some_rows_are_added_up(rng, length):
     values, sums = rng.random((5, length)), np.full(length + 1, 7.0)
