@@ -109,9 +109,10 @@ def other_threads(workers: int) -> Iterator[ThreadPoolExecutor]:
 
 
 def _on_own_cores(workers: int) -> Callable[[], None] | None:
-    """Begins each of as many threads as there are cores on a core of its own, from where the system may move it.
+    """What each thread of a pool calls first: where there are as many as cores, it moves to one of its own.
 
-    Linux begins them on the same core, as all but one wait for the interpreter, and takes milliseconds to notice.
+    Linux may start them on the same core, as new threads wait for the interpreter, and take milliseconds to part them;
+    later it moves them as it likes.
     """
     if not hasattr(os, "sched_setaffinity"):
         return None

@@ -19,7 +19,7 @@ from ..reference import BORDERS, Border, ZeroEvidenceError
 from ..trials import scaled
 from ..trials.records import Classes, Likelihoods, ScaledBelief
 
-_LINE = 64  # bytes that processors fetch together
+_LINE = 64  # bytes of a cache line
 _UNIT = float(scaled.UNIT * np.log(2.0))
 
 
@@ -66,7 +66,7 @@ def refuse_border(border: int, hypotheses: int, M: int) -> None:
 
 
 def _aligned(*shape: int) -> NDArray[np.float64]:
-    """Room for numbers that begins with a line of the cache, so that no vector register is filled from two."""
+    """An array without values that starts on a cache line, so that no load of a vector register crosses two."""
     size = math.prod(shape)
     room = np.empty(size + _LINE // 8)
     first = -room.ctypes.data % _LINE // 8

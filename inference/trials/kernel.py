@@ -28,6 +28,7 @@ from .records import Classes, Likelihoods, Rule, ScaledBelief, TrialPlan, Trials
 from .scaled import (
     CIRCULAR,
     CLAMP,
+    LEAST_PRODUCT,
     PRIOR,
     UNIFORM,
     UNIFORM_WHAT,
@@ -47,7 +48,6 @@ _POWER_LEFT_OUT = -64.0  # power of two that a class left out adds to a total of
 _UNIT = 2.0**-UNIT
 _SORTED = 8192  # trials whose records lie in the second cache while they are played by class
 _MOVED = 1024  # classes moved at a time, so that they stay in the first cache
-_LEAST = 2.0**-900  # of a class; products with most likelihoods stay well clear of subnormal numbers, which are slow
 _NORMAL = 2.0**-1022  # below it, a product may have become 0
 
 
@@ -147,7 +147,7 @@ def _move(
 
 @compiled
 def _by_class(plan: TrialPlan, first: int, last: int, L: int, M: int) -> Integers:
-    """Rows of a plan, of some at a time those of an object and, in it, of a start together."""
+    """Rows of a plan, sorted by object and then by start within each block of `_SORTED`."""
     rows = np.empty(last - first, np.int64)
     for block in range(first, last, _SORTED):
         end = min(block + _SORTED, last)
@@ -274,7 +274,7 @@ def play(
             most_left_out = np.inf
             if known > saturation:
                 most_left_out = total * 2.0 ** (_POWER_LEFT_OUT * known / saturation)
-            if total < _LEAST_TOTAL or least < _LEAST or left_out > most_left_out:
+            if total < _LEAST_TOTAL or least < LEAST_PRODUCT or left_out > most_left_out:
                 scale = 1.0
                 if least < _NORMAL:
                     left_out = max(left_out, _FAR)

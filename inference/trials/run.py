@@ -26,12 +26,10 @@ from .records import Rule, TapTable, TrialPlan, Trials, checked_plan
 
 # The paper's range of belief thresholds; its spacing is not given.
 THRESHOLDS = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.975, 0.99, 0.995)
-_AT_ONCE, _NUMBERS_AT_ONCE = (
-    8192,
-    1 << 26,
-)  # trials and beliefs in classes between two looks at what else there is to do
-_LONGER = 4  # as often threads look less, as each look costs a change of threads
-_FEWEST = 1024  # trials that are worth the way to another thread
+_AT_ONCE = 8192  # trials of a piece at most
+_NUMBERS_AT_ONCE = 1 << 26  # likewise, beliefs in classes, so that progress and Ctrl-C do not wait for long
+_LONGER = 4  # how many times longer the pieces of several threads may be, as each costs a change of threads
+_FEWEST = 1024  # trials that are worth a change of threads
 
 
 def checked_thresholds(thresholds: float | Sequence[float] | None) -> tuple[float, ...]:
@@ -113,7 +111,7 @@ def play_plan(
 
 
 def _pieces(n: int, threads: int, most: int) -> Iterator[tuple[int, int]]:
-    """First of some trials and behind their last one, fewer and fewer, so that all threads end together."""
+    """Ranges of trials, the end excluded, that get shorter, so that all threads end together."""
     fewest, first = -(-min(n, threads * _FEWEST) // threads), 0
     while first < n:
         last = min(first + min(max((n - first) // threads, fewest), most), n)

@@ -30,7 +30,7 @@ _LOG_UNIT = UNIT * math.log(2.0)
 _SMALLEST = float(np.finfo(np.float64).tiny)
 _NEVER = int(np.float64(np.inf).view(np.int64))
 _NOTHING = 8  # units between two numbers of which the smaller one adds nothing
-_LEAST = 2.0**-900  # of a product of likelihoods; well clear of subnormal numbers
+LEAST_PRODUCT = 2.0**-900  # its products with most likelihoods stay well clear of subnormal numbers, which are slow
 _LEAST_TOTAL = 2.0**-128  # classes of the next k are smaller than this in proportion
 
 UNIFORM, UNIFORM_WHAT, PRIOR, CLAMP, CIRCULAR = range(5)
@@ -371,7 +371,7 @@ def follow(
                 new = shift(z, k, on, moves[t], border, M, total, old_z, old_k)
             least = min(_DOWN, new)
         smallest = _DOWN if table.wide[taps[t]] else table.least[taps[t]]
-        if least * smallest < _LEAST:
+        if least * smallest < LEAST_PRODUCT:
             settle(z, k, on)
             least = _DOWN
         least *= smallest

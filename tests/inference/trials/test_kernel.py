@@ -306,6 +306,14 @@ def test_random_walks_of_beliefs_over_hundreds_of_units(seed):
     assert (np.take_along_axis(belief, played.what, axis=1)[:, 0] >= belief.max(axis=1) - 1e-9).all()
 
 
+@pytest.mark.parametrize("depth", [1.0, 1e4])
+def test_tables_begin_with_a_line_of_the_cache(depth):
+    """Rows of 8 positions and more would otherwise be read from two lines."""
+    for taps in (1, 3, 1000):
+        table = likelihoods(-depth * np.random.default_rng(taps).random((taps, 4, 3)))
+        assert (table.rows.ctypes.data % 64, table.plain.ctypes.data % 64) == (0, 0)
+
+
 def test_likelihoods_are_held_exactly_however_deep():
     """z 2^(-256 k) is the likelihood over the largest of its tap, z lies above 2^-256, zero is zero."""
     rng = np.random.default_rng(0)
