@@ -3,10 +3,12 @@
 
 VENV := .venv
 PY := $(VENV)/bin/python
+# docker or podman.
+CONTAINERS := docker
 # Files of tests on all cores, but not on so many that memory runs short, in the order of tests/conftest.py.
 SIDE_BY_SIDE := -n auto --maxprocesses 4 --dist loadfile --no-loadscope-reorder
 
-.PHONY: docs docs-check man setup run test test-times test-all test-lowest test-newest dist dist-check sdist-test wheel-test container check format bench bench-cluster bench-quick studies audit-studies interval-studies results reference-studies posteriors strategy-studies fuzz faults firmware kills mutants house peers wheel-validate rig-demo citation lock clean help
+.PHONY: docs docs-check man setup run test test-times test-all test-lowest test-newest dist dist-check sdist-test wheel-test container container-test check format bench bench-cluster bench-quick studies audit-studies interval-studies results reference-studies posteriors strategy-studies fuzz faults firmware kills mutants house peers wheel-validate rig-demo citation lock clean help
 
 setup: $(VENV)/.ready-dev
 
@@ -46,7 +48,15 @@ wheel-test:
 	@./.ci/try-wheel build/wheel-test
 
 container:
-	docker build --file packaging/Dockerfile --tag solidtouch .
+	$(CONTAINERS) build --file packaging/Dockerfile --tag solidtouch .
+
+# The recipe of the conformance kit, too, which checks the example in Python.
+container-test: container dist
+	$(CONTAINERS) run --rm solidtouch validate
+	@rm -rf build/kit-image && mkdir -p build/kit-image
+	@cp dist/*.whl docs/reference/conformance/Containerfile docs/reference/conformance/solid.py build/kit-image
+	$(CONTAINERS) build --file build/kit-image/Containerfile --tag conformance build/kit-image
+	$(CONTAINERS) run --rm --volume "$(CURDIR)/build/kit-image:/work" conformance check --command "python solid.py"
 
 # With the oldest direct dependencies that pyproject.toml allows and with the newest; TESTS= chooses files and folders.
 test-lowest test-newest: $(VENV)/.ready-dev
@@ -195,7 +205,8 @@ help:
 	@echo "make dist    build the source distribution and the wheel in dist; dist-check checks what they hold"
 	@echo "make sdist-test  run the default tests in the unpacked source distribution"
 	@echo "make wheel-test  install the wheel alone, without extras, and run commands; two minutes"
-	@echo "make container  build the container image, by packaging/Dockerfile"
+	@echo "make container  build the container image, by packaging/Dockerfile, with docker (CONTAINERS=podman)"
+	@echo "make container-test  build it and that of the conformance kit, and run checks in them"
 	@echo "make check   check lint, format, types and import layers"
 	@echo "make format  fix lint and format"
 	@echo "make bench   time kernels and commands, into docs/reference/performance.md; BEFORE=DIR adds an older checkout; bench-quick is a trial"

@@ -178,7 +178,7 @@ def test_targets_are_explained():
 
 
 def test_the_image_gets_what_the_wheel_is_made_of():
-    kept = re.findall(r"^!(.*)", text("packaging/Dockerfile.dockerignore"), flags=re.MULTILINE)
+    kept = re.findall(r"^!(.*)", text(".dockerignore"), flags=re.MULTILINE)
 
     assert set(SETUPTOOLS["package-dir"].values()) | {"pyproject.toml", "setup.py", "README.md", "LICENSE"} <= set(kept)
     assert all((ROOT / name).exists() for name in kept)
