@@ -22,7 +22,7 @@ test-times: $(VENV)/.ready-dev
 	@$(PY) -m pytest -m "not slow" --durations=20 --durations-min=0 $(SIDE_BY_SIDE)
 
 test-all: $(VENV)/.ready-dev
-	@$(PY) -m pytest
+	@$(PY) -m pytest $(SIDE_BY_SIDE)
 
 dist: $(VENV)/.ready-dist
 	@rm -rf build/lib build/bdist.* dist

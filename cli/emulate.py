@@ -101,7 +101,7 @@ def emulate(
         with Service(emulation, control, real_time, narrator.look) as service:
             path = out / "rig.toml"
             write_rig(path, rig, list(emulation.objects))
-            print(f"Emulating {rig.name} in {out}; press Ctrl-C to stop.", flush=True)
+            print(f"Emulating preset {preset} in {out}; press Ctrl-C to stop.", flush=True)
             print(f"Try it from another terminal: solidtouch rig check {path}", flush=True)
             with ended_by_interrupt():
                 service.run()

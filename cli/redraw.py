@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from typer import Argument, Option
 
-from ..models.errors import InputError
+from ..models.errors import InputError, check_format
 from .shared.interrupt import loading
 from .shared.options import Force, Style
 
@@ -71,8 +71,7 @@ def _figures(file: Path, groups: "Mapping[str, xr.Dataset]") -> "tuple[dict[str,
     from ..analysis.reproduce import redraw as reproduction
 
     written = groups["/"].attrs.get("format", NUMBERS_FORMAT)  # before 0.2.0 without
-    if written != NUMBERS_FORMAT:
-        raise InputError(f"{file}: of format {written}; this version reads format {NUMBERS_FORMAT}.")
+    check_format(written, f"{file}: a file", NUMBERS_FORMAT)
     try:
         if "grid" in groups["/"].attrs and "passive/curve" in groups:
             return reproduction.stored_figures(groups), reproduction.NOT_STORED

@@ -44,6 +44,21 @@ def check_path(path: "str | PathLike[str]") -> Path:
     return path
 
 
+def check_format(written: object, what: str, reads: int, older: int | None = None) -> None:
+    """Checks the number of a file's format, where it has one.
+
+    >>> check_format(9, "model.nc: a fitted model", 2, older=1)
+    Traceback (most recent call last):
+    solidtouch.models.errors.InputError: model.nc: a fitted model of format 9; this version reads formats 2 and 1.
+
+    Raises:
+        InputError: It is another number than those that are read.
+    """
+    if isinstance(written, Integral) and written not in (reads, older):
+        known = f"format {reads}" if older is None else f"formats {reads} and {older}"
+        raise InputError(f"{what} of format {written}; this version reads {known}.")
+
+
 def check_count(value: object, name: str, least: int = 1) -> int:
     """An integer of at least `least`, as a Python integer.
 

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Self
 
 import numpy as np
 
-from .errors import InputError
+from .errors import InputError, check_format
 from .grid import parse_length
 from .measurement.histogram import HistogramModel
 from .measurement.model import TapModel
@@ -144,7 +144,9 @@ def load_setting(path: str | Path) -> Setting:
             names the file and the key.
     """
     values = read_object(path, "setting")
-    if values.pop("format", None) != FORMAT:
+    written = values.pop("format", None)
+    check_format(written, f"{path}: a setting", FORMAT)
+    if written != FORMAT:
         raise InputError(f"{path}: not a setting file: key 'format' is not {FORMAT}.")
     if missing := [key for key in KEYS if key not in values]:
         raise InputError(f"{path}: missing key {missing[0]!r}.")

@@ -43,7 +43,7 @@ from .blocks import (
     tap_digests,
     write_in_blocks,
 )
-from .errors import InputError, check_numbers, printable, printable_name
+from .errors import InputError, check_format, check_numbers, printable, printable_name
 from .grid import ClassGrid, group, parse_length, values_from_names
 from .io.untrusted import seal
 from .preprocessing import Preprocessing
@@ -448,6 +448,8 @@ class TapSet:
         """
         zarr = Path(path).suffix.lower() == ".zarr"
         dataset = read_zarr(path, "taps") if zarr else read_groups(path, "/", on_disk="taps")["/"]
+        if "taps" in dataset and "kind" not in dataset.attrs:
+            check_format(dataset.attrs.get("format"), f"{path}: a tap set", FORMAT)
         if dataset.attrs.get("format") != FORMAT or "taps" not in dataset:
             other = ", but a fitted model" if "kind" in dataset.attrs else ""
             raise InputError(f"{path}: not a tap set of format {FORMAT}{other}.")

@@ -107,9 +107,11 @@ def test_a_version_is_the_same_everywhere():
     """In the package, its citation, recipe and changelog, whose latest version it is."""
     version = PROJECT["version"]
 
-    assert yaml.safe_load(text("CITATION.cff"))["version"] == version
+    citation = yaml.safe_load(text("CITATION.cff"))
+    assert citation["version"] == version
     assert yaml.safe_load(text("packaging/conda/recipe.yaml"))["context"]["version"] == version
-    assert re.findall(r"^## \[(\d[\w.]*)", text("CHANGELOG.md"), flags=re.MULTILINE)[0] == version
+    released = re.findall(r"^## \[(\d[\w.]*)\] - (\S+)$", text("CHANGELOG.md"), flags=re.MULTILINE)[0]
+    assert released == (version, str(citation["date-released"]))
 
 
 def test_the_conda_recipe_has_the_bounds_of_the_package():

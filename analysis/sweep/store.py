@@ -22,7 +22,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from ...models.errors import InputError
+from ...models.errors import InputError, check_format
 from ...models.extras import posix
 from ..stats import tallied
 from ..tasks.task import Outcome
@@ -157,11 +157,14 @@ def read_about(path: Path) -> dict[str, Any]:
     """
     try:
         about = json.loads((path / "zarr.json").read_text(encoding="utf-8"))["attributes"]
+        check_format(about["sweep_format"], f"{path}: a sweep", FORMAT)
         if about["sweep_format"] != FORMAT or not isinstance(about["study"], str):
             raise KeyError
         about |= {name: msgspec.json.decode(about[name], type=dict[str, str]) for name in ("data_keys", "code")}
         about["settings"] = msgspec.json.decode(about["settings"], type=dict[str, Any])
         about["settings"]["grid"] = dict(about["settings"]["grid"])
+    except InputError:
+        raise
     except (OSError, ValueError, KeyError, TypeError, RecursionError, msgspec.MsgspecError) as error:
         raise InputError(f"{path} exists and is no sweep of format {FORMAT}, or is damaged.") from error
     return about

@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
-from ...models.errors import InputError
+from ...models.errors import InputError, check_format
 from ...models.io.mistakes import convert
 from ...models.seeds import Purpose, generator
 from ...models.storage import complete_file, read_object
@@ -235,6 +235,7 @@ def load_learner(path: str | Path) -> Learner:
         InputError: The file is missing or holds no learner.
     """
     values = read_object(path, "learner")
+    check_format(values.get("format"), f"{path}: a learner", FORMAT)
     if values.get("format") != FORMAT:
         raise InputError(f"{path}: not a learner file: key 'format' is not {FORMAT}.")
     try:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import InputError
+from ..errors import InputError, check_format
 from ..grid import ClassGrid
 from ..measurement.histogram import HistogramModel
 from ..measurement.model import TapModel
@@ -29,6 +29,8 @@ def load_exported(path: str | Path) -> TapModel:
         InputError: The file is missing, damaged or not an exported model; the message names file and key.
     """
     values = read_object(path, "model")
+    if "kind" in values:
+        check_format(values.get("format"), f"{path}: an exported model", FORMAT)
     if values.get("format") != FORMAT or "kind" not in values:
         raise InputError(
             f"{path}: not a model but {_other(values)}; a model is a .nc file from `fit` or a .json "

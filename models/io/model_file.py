@@ -30,7 +30,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from ..errors import InputError
+from ..errors import InputError, check_format
 from ..grid import ClassGrid
 from ..measurement.fits.closed_form import GROUP
 from ..measurement.fits.posterior import EXACT, Convergence
@@ -140,6 +140,8 @@ def _read(path: Path) -> dict[str, xr.Dataset]:
     version = attributes.get("format")
     if attributes.get("kind") == PAPER and version == _FIRST_FORMAT:
         return groups | {"constant_data": groups["/"]}
+    if "kind" in attributes:
+        check_format(version, f"{path}: a fitted model", FORMAT, _FIRST_FORMAT)
     if (attributes.get("kind") not in KINDS and "digest" not in attributes) or version != FORMAT:
         other = ", but a tap set" if "taps" in groups["/"] else ""
         raise InputError(f"{path}: not a fitted model of format {FORMAT} or {_FIRST_FORMAT}{other}.")

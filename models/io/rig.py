@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..cutting.tap_cutter import TapCutter
-from ..errors import InputError
+from ..errors import InputError, check_format
 from ..preprocessing import Preprocessing
 from ..taps import RIG_UNIT, TapSet
 from .recording import naming
@@ -120,8 +120,7 @@ def read_rig(path: str | Path) -> RigTaps:
         first = next(entries, None)
         if first is None or not isinstance(first.content, About):
             raise InputError("not a recording of the rig: the header is missing.")
-        if first.content.format != FORMAT:
-            raise InputError(f"a recording of format {first.content.format}; this version reads format {FORMAT}.")
+        check_format(first.content.format, "a recording", FORMAT)
         taps = list(_taps(entries, Preprocessing.from_json(first.content.preprocessing)))
     return RigTaps(first.content, taps, reader.lost(), first.log_time_ns)
 

@@ -105,7 +105,7 @@ TEXTS = {
     "no JSON": ("power = 3", "not JSON"),
     "a list": ("[1, 2]", "not a JSON object"),
     "a number twice": ('{"format": 1, "power": 1, "power": 2}', "repeated key power"),
-    "another format": ('{"format": 2}', "key 'format' is not 1"),
+    "another format": ('{"format": 2}', "of format 2; this version reads format 1"),
     "no format": ('{"power": 1}', "key 'format' is not 1"),
     "too deep": ("[" * 100_000, "not JSON"),
 }

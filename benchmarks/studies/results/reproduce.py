@@ -101,7 +101,8 @@ def of_thresholds(summary: ReproductionSummary, file: Path) -> str:
         f"At threshold {theta:g} the active object error is {share:.2f} times the passive one, "
         f"{told(gain, 'what_error', 2)} mm lower; the active position error is {told(gain, 'where_error', 2)} mm "
         f"lower. The active object error varies between data sets from {least:.2g} to {most:.2g} mm, because at the "
-        "fixation point an object is nearly always or nearly never classified as its neighbour."
+        "fixation point an object is nearly always or nearly never classified as its neighbour. At threshold "
+        f"{SHOWN[-1]:g} the object is wrong in {rows['active', SHOWN[-1]]['what_wrong']:.0%} of the active decisions."
     )
     return f"{table(['threshold', *head], lines)}\n\n{said}"
 

@@ -214,7 +214,7 @@ def test_bad_arguments_are_refused():
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"format": 2}, "key 'format' is not 1"),
+        ({"format": 2}, "of format 2; this version reads format 1"),
         ({"method": "ucb"}, "damaged learner file: .*ucb"),
         ({"method": "gp", "smoothness": {"fixation": 1.0}}, "damaged learner file: .*'gp'"),
         ({"count": [1]}, "a list has the wrong length"),

@@ -167,7 +167,7 @@ def test_given_tables_have_no_netcdf_file(tmp_path, make_model):
 
 DAMAGE = {
     "no format": ({"format": ...}, "not a model but a JSON object with the keys"),
-    "another format": ({"format": 2}, "not a model but a JSON object with the keys"),
+    "another format": ({"format": 2}, "of format 2; this version reads format 1"),
     "a case": ({"kind": ...}, "not a model but a JSON object with the keys"),
     "no sizes": ({"K": ...}, "missing key K"),
     "a size in words": ({"L": "3"}, "L must be an integer of at least 1, got '3'"),

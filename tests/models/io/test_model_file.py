@@ -326,7 +326,7 @@ ANY = {
     "no grid": (attributes(lambda a: a | {"grid": "{}"}), "damaged: .*[Nn]ot a class grid"),
     "a number as record": (attributes(lambda a: a | {"preprocessing": -3}), "damaged: Not a preprocessing record: .*3"),
     "no record": (attributes(lambda a: a | {"preprocessing": "[]"}), "damaged: .*preprocessing record"),
-    "other format": (attributes(lambda a: a | {"format": 99}), "not a fitted model of format 2 or 1"),
+    "other format": (attributes(lambda a: a | {"format": 99}), "of format 99; this version reads formats 2 and 1"),
     "other kind": (attributes(lambda a: a | {"kind": "neural"}), "not a fitted model of format 2 or 1"),
     "falling edges": (changed(lambda d: d.assign(edges=-d["edges"])), "damaged: edges do not increase"),
     "no edges": (changed(lambda d: d.drop_vars("edges")), "damaged: missing .*edges"),

@@ -17,10 +17,12 @@ from solidtouch.analysis.conformance import case
 from solidtouch.analysis.live import saved
 from solidtouch.analysis.page.labelled import NUMBERS_FORMAT
 from solidtouch.analysis.sweep import store
+from solidtouch.cli.redraw import redraw
 from solidtouch.inference.tuning import online
 from solidtouch.models import setting_file, taps
 from solidtouch.models.errors import InputError
 from solidtouch.models.io import export, rig, rig_recording
+from solidtouch.models.io.export_reader import load_exported
 from solidtouch.models.measurement import model
 
 import solidtouch as st
@@ -98,19 +100,43 @@ def test_an_episode():
     assert (last.tap, last.what, last.what_belief, last.where) == (4, "rod", 0.930781429, 3.0)
 
 
-def test_newer_files_are_refused_with_their_format(tmp_path, monkeypatch):
-    """By a sentence, also where a recording begins as this version expects it."""
-    for name in ("taps.nc", "profile.nc"):
+@pytest.mark.parametrize(
+    ("name", "read", "said"),
+    [
+        ("taps.nc", st.load_taps, "a tap set of format 9; this version reads format 1."),
+        ("profile.nc", st.load_model, "a fitted model of format 9; this version reads formats 2 and 1."),
+        ("exported.json", load_exported, "an exported model of format 9; this version reads format 1."),
+        ("setting.json", setting_file.load_setting, "a setting of format 9; this version reads format 1."),
+        ("learner.json", online.load_learner, "a learner of format 9; this version reads format 1."),
+        ("study.zarr", store.read_about, "a sweep of format 9; this version reads format 1."),
+        ("compare.nc", redraw, "a file of format 9; this version reads format 1."),
+        ("episode.json", saved.load_episodes, "version: must be 1, got 9."),
+    ],
+)
+def test_newer_files_are_refused_with_both_numbers(tmp_path, name, read, said):
+    path = tmp_path / name
+    if (OLDER / name).exists():
         shutil.copy(OLDER / name, tmp_path)
-        with h5py.File(tmp_path / name, "a") as file:
+    if path.suffix == ".nc":
+        with h5py.File(path, "a") as file:
             file.attrs["format"] = 9
-    with pytest.raises(InputError, match=r"taps\.nc: not a tap set of format 1"):
-        st.load_taps(tmp_path / "taps.nc")
-    with pytest.raises(InputError, match=r"profile\.nc: not a fitted model of format 2 or 1"):
-        st.load_model(tmp_path / "profile.nc")
+    elif path.suffix == ".json":
+        values = json.loads(path.read_text()) if path.exists() else {"kind": "histogram"}
+        path.write_text(json.dumps(values | {"version" if "version" in values else "format": 9}))
+    else:
+        path.mkdir()
+        (path / "zarr.json").write_text(json.dumps({"attributes": {"sweep_format": 9}}))
+    with pytest.raises(InputError) as refused:
+        read(path)
+
+    assert str(refused.value).startswith(f"{path}: ")
+    assert str(refused.value).endswith(said)
+
+
+def test_a_newer_recording_is_refused_though_it_begins_as_this_version_expects(monkeypatch):
     about = rig.read_rig(OLDER / "recording.mcap").about
     assert about.format == 1
+    assert json.loads(msgspec.json.encode(about))["format"] == 1
     monkeypatch.setattr(rig, "FORMAT", 9)
     with pytest.raises(InputError, match=r"recording\.mcap: a recording of format 1; this version reads format 9\."):
         rig.read_rig(OLDER / "recording.mcap")
-    assert json.loads(msgspec.json.encode(about))["format"] == 1
