@@ -16,6 +16,9 @@ from ...models.storage import complete_folder
 from .files import Draws, read_draws
 from .quantities import Scale
 
+VERSION = "1.1.0"
+"""Of the reference posteriors, apart from that of the software; `data/README.md` has the rules and the changes."""
+
 
 class Number(NamedTuple):
     """What is known of one number of a posterior.

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm
 
 from ...models.errors import InputError, counted, shortened
-from .catalogue import Number, ReferencePosterior
+from .catalogue import VERSION, Number, ReferencePosterior
 from .files import Draws
 from .quantities import on_scale
 
@@ -35,7 +35,7 @@ class MomentDifference(NamedTuple):
         moment: `mean` or `variance`.
         value: Of the draws.
         right: Of the reference.
-        z: MomentDifference in standard errors.
+        z: Difference in standard errors.
     """
 
     name: str
@@ -87,13 +87,14 @@ class DrawsVerdict(NamedTuple):
     @property
     def sentences(self) -> list[str]:
         """What was found, in lines."""
+        name = f"{self.name}, reference {VERSION}"
         mixed = f"worst R-hat {self.r_hat:.3f}, least effective sample size {self.ess:.0f}"
         if self.unmixed and self.r_hat > R_HAT:
-            return [f"{self.name}: UNDECIDED; {self.unmixed} has not mixed: {mixed}; R-hat may be {R_HAT} at most."]
+            return [f"{name}: UNDECIDED; {self.unmixed} has not mixed: {mixed}; R-hat may be {R_HAT} at most."]
         if self.unmixed:
-            return [f"{self.name}: UNDECIDED; too few draws, of {self.unmixed}: {mixed}, which must be {ESS:.0f}."]
+            return [f"{name}: UNDECIDED; too few draws, of {self.unmixed}: {mixed}, which must be {ESS:.0f}."]
         over = [one for one in self.differences if abs(one.z) > self.limit]
-        head = f"{self.name}: {'DIFFERS' if over else 'pass'}; {len(self.differences)} moments, largest difference "
+        head = f"{name}: {'DIFFERS' if over else 'pass'}; {len(self.differences)} moments, largest difference "
         head += f"{abs(self.differences[0].z):.1f} standard errors (at most {self.limit:.1f}); {mixed}."
         more = [f"  ... and {len(over) - _SHOWN} more"] if len(over) > _SHOWN else []
         return [head, *(f"  {one.sentence}" for one in over[:_SHOWN]), *more]

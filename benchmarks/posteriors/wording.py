@@ -40,7 +40,7 @@ WORDING: dict[str, dict[str, Any]] = {
             "x[n,j,k] ~ Normal(level[c,j,k] + rho[k] x[n,j-1,k], sqrt(variance[c,j,k])), with x[n,0,k] = 0",
         ],
         "parameters": {"rho": "[K]", "level": "[L,M,J,K]", "variance": "[L,M,J,K]"},
-        "how": "closed form given rho, which is summed over 101 points",
+        "how": "closed form given rho, which is integrated over 101 points",
     },
     "profile-mvn": {
         "model": [

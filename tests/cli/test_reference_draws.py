@@ -38,5 +38,5 @@ def test_the_exit_code_tells_of_the_verdict(tmp_path):
     right, wrong = command("draws", "gaussian", DRAWS), command("draws", "gaussian", tmp_path / "draws.csv")
 
     assert (right.exit_code, wrong.exit_code) == (0, 1)
-    assert "gaussian: pass; 48 moments" in right.output
+    assert "gaussian, reference 1.1.0: pass; 48 moments" in right.output
     assert "of level.1.1.1 is" in wrong.output

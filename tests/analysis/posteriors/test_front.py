@@ -20,8 +20,11 @@ import solidtouch as st
 
 DATA = Path(catalogue.__file__).parent / "data"
 FOUND = {path.name.split(".")[0]: json.loads(path.read_text()) for path in DATA.glob("*.schema.json")}
-REGISTRY = Registry().with_resources((s["$id"], Resource.from_contents(s)) for s in FOUND.values())
-SCHEMAS = {name: Draft202012Validator(schema, registry=REGISTRY) for name, schema in FOUND.items()}
+PLACES = [((DATA / f"{name}.schema.json").as_uri(), Resource.from_contents(schema)) for name, schema in FOUND.items()]
+REGISTRY = Registry().with_resources(PLACES)
+SCHEMAS = {name: Draft202012Validator({"$ref": place}, registry=REGISTRY)
+           for name, (place, _) in zip(FOUND, PLACES, strict=True)}  # fmt: skip
+"""As a program finds them that is given the place of one."""
 
 
 @pytest.fixture
@@ -32,12 +35,14 @@ def gaussian():
 # Schemas
 def test_schemas_are_schemas():
     assert set(SCHEMAS) == {"data", "draws", "posterior"}
-    for name, schema in FOUND.items():
+    for schema in FOUND.values():
         Draft202012Validator.check_schema(schema)
-        assert (schema["$schema"], schema["$id"]) == (
-            "https://json-schema.org/draft/2020-12/schema",
-            f"{name}.schema.json",
-        )
+        assert schema["$schema"] == "https://json-schema.org/draft/2020-12/schema"
+        assert "$id" not in schema  # by which others would not be found beside it
+
+
+def test_the_version_is_that_of_the_folder():
+    assert f"Version {catalogue.VERSION} (" in (DATA / "README.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("name", NAMES)

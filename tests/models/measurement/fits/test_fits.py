@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
 from solidtouch.models.measurement import gaussian, matrix_normal, profile, profile_ar, profile_mvn, smooth, student
 from solidtouch.models.measurement.fits.cells import cell_posterior, estimated_prior
 from solidtouch.models.measurement.fits.priors import CellPrior, Taps
@@ -154,6 +155,40 @@ def test_narrow_slopes_are_not_tied_to_the_first_grid(rng, rho):
     assert spread == pytest.approx(error, rel=0.05)
     draws = [posterior.draw(rng)["rho"][0] for _ in range(300)]
     assert np.std(draws) == pytest.approx(error, rel=0.25)
+
+
+@pytest.mark.parametrize(("n", "rho"), [(3, 0.9), (5, -0.9), (40, 0.97), (1, 0.0)])
+def test_slopes_that_end_at_one_have_the_moments_of_the_density(rng, n, rho):
+    """By adaptive quadrature of the samples' probability, with levels and variances integrated out."""
+    taps = planted(rng, n, rho=rho, J=2, K=1)
+    level, strength, a, b = prior = CellPrior(0.5, 0.2, np.array([2.0]), np.array([1.5]))
+
+    def log_density(slope):
+        total = 0.0
+        for l, m in np.ndindex(L, M):
+            own = taps.samples[(taps.where == l) & (taps.what == m), :, 0]
+            left = own[:, 1] - slope * own[:, 0]
+            away = n * strength / (n + strength) * (left.mean() - level) ** 2
+            total -= (a[0] + n / 2) * np.log(b[0] + (n * left.var() + away) / 2)
+        return total
+
+    top = max(map(log_density, np.linspace(-1, 1, 501)))
+
+    def moment(power, around=0.0):
+        return quad(lambda x: (x - around) ** power * np.exp(log_density(x) - top), -1, 1, epsabs=1e-13, limit=400)[0]
+
+    mean = moment(1) / moment(0)
+    posterior = profile_ar.fit(taps, prior)
+    found = posterior.point()["rho"][0]
+    drawn = np.array([posterior.draw(rng)["rho"][0] for _ in range(4000)])
+
+    assert found == pytest.approx(mean, abs=1e-7)
+    variance = moment(2, mean) / moment(0)
+    assert (posterior.weight[0] * (posterior.rho[0] - mean) ** 2).sum() == pytest.approx(variance, rel=1e-6)
+    assert len(np.unique(drawn)) == len(drawn)
+    assert np.abs(drawn).max() < 1
+    assert drawn.mean() == pytest.approx(mean, abs=4 * np.sqrt(variance / len(drawn)))
+    assert drawn.var() == pytest.approx(variance, rel=0.12)
 
 
 def test_independent_samples_have_no_slope(rng):
