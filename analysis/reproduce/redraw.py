@@ -13,7 +13,7 @@ from ..page.figure_episodes import BeliefCase, beliefs, trajectories
 from .figures import acuity_of, contacts, errors_by_fixation, errors_by_position
 
 CASES = "clear", "ambiguous"
-NOT_STORED = {"fig3": "it shows recorded taps, which the file does not hold"}
+NOT_STORED = {"fig3": "it shows single taps, which the file does not hold"}
 
 
 def stored_figures(groups: Mapping[str, xr.Dataset]) -> dict[str, Callable[[], Any]]:
