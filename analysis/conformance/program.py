@@ -23,6 +23,7 @@ _LONGEST_WAIT = 3600.0  # seconds; systems count them in milliseconds of 32 bits
 _MOST = 24 << 20  # bytes of a stream; the answers to all cases together have 10 MB
 _MOST_LINE = 1 << 18  # bytes of a line; the longest answer has 6 kB
 _GRACE_S = 0.1
+_SAID, _LONGEST_SAID = 3, 200  # lines of standard error that are shown, and characters of each
 _LINE = re.compile(rb"[^ \t\r\n][^\n]*")
 
 
@@ -34,12 +35,14 @@ class Ended(NamedTuple):
         failure: How it failed, as the end of a sentence that begins with "it"; empty where it ended well.
         late: Whether that was for want of time.
         left: What it left running, likewise; empty where it left nothing.
+        said: The last lines of its standard error.
     """
 
     output: bytes | bytearray
     failure: str
     late: bool = False
     left: str = ""
+    said: str = ""
 
     def lines(self) -> Iterator[tuple[int, str]]:
         """Number and text of each line that is not blank."""
@@ -115,7 +118,7 @@ def run_program(words: Sequence[str], lines: Iterable[str], timeout: float) -> E
                 closed = "" if output.open else "closed its output but "
                 failure = f"{closed}has not ended after {timeout:g} s and was stopped"
             elif not failure:
-                failure = _failure(process.returncode, errors.kept)
+                failure = _failure(process.returncode)
                 left = _left(process.pid, not (output.open or errors.open), timeout)
         finally:
             if process is not None:
@@ -126,7 +129,7 @@ def run_program(words: Sequence[str], lines: Iterable[str], timeout: float) -> E
             _read(streams, end)
         if escaped:
             left = "left a process running that could not be stopped, as it left the process group"
-    return Ended(output.kept, failure, late, left)
+    return Ended(output.kept, failure, late, left, _said(errors.kept))
 
 
 def _start(words: Sequence[str], lines: Iterable[str]) -> subprocess.Popen[bytes]:
@@ -219,13 +222,17 @@ def _kill(group: int) -> None:
         os.killpg(group, signal.SIGKILL)
 
 
-def _failure(code: int, errors: bytearray) -> str:
+def _failure(code: int) -> str:
     if code < 0:
         return f"crashed with signal {_signal_name(-code)}"
-    said = errors.decode("utf-8", errors="replace").strip().splitlines()
-    if code:
-        return f"ended with exit code {code}" + (f" and said: {printable(said[-1][:200])}" if said else "")
-    return ""
+    return f"ended with exit code {code}" if code else ""
+
+
+def _said(errors: bytearray) -> str:
+    """The last lines of standard error that are not blank, in one line."""
+    lines = [line.strip() for line in errors.decode("utf-8", errors="replace").splitlines()]
+    shown = [line for line in lines if line][-_SAID:]
+    return " | ".join(printable(line[:_LONGEST_SAID]) for line in shown)
 
 
 def printable(text: str) -> str:

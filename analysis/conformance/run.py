@@ -165,6 +165,7 @@ def _by_case(ended: Ended, cases: Sequence[Case]) -> dict[str, Ended]:
             part,
             ended.failure if order.index(name) >= after else "",
             left=ended.left if name == order[-1] else "",
+            said=ended.said,
         )
         for name, part in parts.items()
     }

@@ -77,6 +77,9 @@ def judge_output(case: Case, ended: Ended, precision: Precision, without: Sequen
     """
     answers, broken = _read(case, ended.lines())
     verdict = judge_broken(case, answers, broken, precision, without, ended.failure)
+    unanswered = verdict.status == "failed" or (verdict.sentence and not verdict.quantity)
+    if ended.said and unanswered:
+        verdict = replace(verdict, sentence=f"{verdict.sentence}; it said: {ended.said}")
     if not ended.left:
         return verdict
     return replace(verdict, sentence=f"{verdict.sentence}; it {ended.left}" if verdict.sentence else f"it {ended.left}")

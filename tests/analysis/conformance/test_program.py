@@ -47,12 +47,55 @@ def right(tmp_path):
 
 
 def test_programs_that_fail_are_told_apart():
-    ended = [
-        run_program(shell(code), ["{}"], 20.0).failure
-        for code in ("echo 1", "echo no memory >&2; exit 3", "kill -SEGV $$")
-    ]
+    ended = [run_program(shell(code), ["{}"], 20.0).failure for code in ("echo 1", "exit 3", "kill -SEGV $$")]
 
-    assert ended == ["", "ended with exit code 3 and said: no memory", "crashed with signal SIGSEGV"]
+    assert ended == ["", "ended with exit code 3", "crashed with signal SIGSEGV"]
+
+
+@pytest.mark.parametrize(
+    ("code", "what"),
+    [
+        ("exit 3", "FAILED it ended with exit code 3"),
+        ("kill -SEGV $$", "FAILED it crashed with signal SIGSEGV"),
+        ("exec sleep 60", "FAILED it has not ended after 0.5 s and was stopped"),
+        ("echo garbage", "FAILED it writes line 1, which is not JSON: 'garbage'"),
+        ("exec yes", "FAILED it writes more than 24 MiB and was stopped"),
+        ("exit 0", "DIFFERS tap 1: there is no answer"),
+    ],
+)
+def test_the_last_lines_of_standard_error_are_shown_however_a_program_fails(code, what):
+    """In the text and in both reports; a fourth line and blank ones are not."""
+    words = shell(f"printf 'first\\nsecond\\n\\n third\\r\\n\\033[31mfourth\\n' >&2; {code}")
+    report = st.conformance.run_program(words, ["root-j"], timeout=0.5 if "sleep" in code else 20.0)
+    (line, *_), said = report.lines(), "it said: second | third | ?[31mfourth"
+
+    assert line == f"root-j  {what}; {said}"
+    assert report.as_object()["cases"][0]["sentence"].endswith(said)
+    assert report.as_junit().count(said) == 2
+
+
+def test_standard_error_is_shown_where_all_cases_are_asked_together(right):
+    words = shell(f"echo no memory >&2; {right}; kill -SEGV $$")
+    found = list(check_program(words, [CASE, catalogue()["fit"]], Asked(), together=True))
+
+    assert [verdict.sentence.endswith("; it said: no memory") for verdict in found] == [True, True]
+
+
+def test_standard_error_of_a_program_that_answers_is_its_own(right):
+    """Also where an answer differs."""
+    assert sentence(f"echo slow >&2; {right}") == "pass"
+    assert "slow" not in sentence(f'echo slow >&2; {right} | sed \'s/"move":1/"move":0/\'')
+
+
+@pytest.mark.parametrize("end", ["exit 3", "kill -SEGV $$", "exec sleep 60"])
+def test_much_standard_error_is_cut_and_holds_nothing_up(end):
+    """Neither a long line nor twenty megabytes."""
+    found = sentence(
+        f"yes | head -c 20000000 >&2; head -c 100000 /dev/zero | tr '\\0' x >&2; {end}", 3.0 if "sleep" in end else 20.0
+    )
+
+    assert found.startswith("FAILED it ")
+    assert found.endswith(f"it said: {'x' * 200}")
 
 
 @pytest.mark.parametrize(
@@ -195,9 +238,9 @@ def test_a_script_without_an_interpreter_is_named(tmp_path):
 
 
 def test_what_a_program_says_does_not_paint_the_terminal():
-    said = run_program([sys.executable, "-c", "import sys; sys.exit('\x1b[31mno')"], ["{}"], 20.0).failure
+    said = run_program([sys.executable, "-c", "import sys; sys.exit('\x1b[31mno')"], ["{}"], 20.0).said
 
-    assert said == "ended with exit code 1 and said: ?[31mno"
+    assert said == "?[31mno"
 
 
 def test_a_file_of_answers_may_have_so_many_bytes_and_no_more(tmp_path):
