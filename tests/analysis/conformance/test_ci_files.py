@@ -54,21 +54,68 @@ def test_the_step_of_the_action_checks_and_reports(tmp_path, solid_c, request, l
         assert report.get("failures") == ("0" if code == 0 else report.get("tests"))
 
 
-def check(tmp_path, **inputs):
-    """The step that checks, with these inputs."""
-    if (bash := shutil.which("bash")) is None:
-        pytest.skip("there is no bash")
+def test_the_action_gives_further_options_as_words(tmp_path):
+    """Quotes count as in a shell, but nothing is run."""
+    options = "--case root-j --no-causes\n--timeout 30  --together"
+    done = check(tmp_path, command="true", options=options)
+    report = ET.parse(tmp_path / "report.xml").getroot()  # noqa: S314 - it was written here
+    evaluated = check(tmp_path, command="true", options=f"--case '$(touch {tmp_path}/a)`touch {tmp_path}/b`; c *'")
+    unclosed = check(tmp_path, command="true", options="--case 'root-j")
+
+    assert (done.returncode, report.get("tests"), report.get("time")) == (1, "1", None), done.stderr
+    assert evaluated.returncode == 2
+    assert f"case $(touch {tmp_path}/a)`touch {tmp_path}/b`; c *: there is no such case" in evaluated.stderr
+    assert {path.name for path in tmp_path.iterdir()} == {"report.xml", "solidtouch"}
+    assert (unclosed.returncode, unclosed.stderr) == (1, "options: No closing quotation.\n")
+
+
+def test_the_program_of_the_action_runs_with_the_path_of_the_caller(tmp_path):
+    """So that `python` is the one for which earlier steps have installed something."""
+    (tmp_path / "own").mkdir()
+    (tmp_path / "own" / "python").write_text('#!/bin/sh\necho "my own python" >&2\nexit 3\n')
+    (tmp_path / "own" / "python").chmod(0o755)
+    path = f"{tmp_path / 'own'}{os.pathsep}{os.environ['PATH']}"
+    done = check(tmp_path, path, command="python program.py", options="--case root-j")
+
+    assert "it said: my own python" in done.stdout, done.stderr
+
+
+def test_the_action_installs_beside_the_python_of_the_caller(tmp_path):
+    """In an environment of its own, which a second use replaces."""
+    python = next(step for step in STEPS.values() if "setup-python" in step.get("uses", ""))
+    old = tmp_path / "solidtouch" / "old"
+    old.mkdir(parents=True)
+    env = {"PYTHON": sys.executable, "SOLIDTOUCH": "pip", "RUNNER_TEMP": str(tmp_path)}
+    done = bash(STEPS["Install"]["run"], env)
+
+    assert python["with"]["update-environment"] is False
+    assert STEPS["Install"]["env"]["PYTHON"] == f"${{{{ steps.{python['id']}.outputs.python-path }}}}"
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "solidtouch" / "bin" / "pip").exists()
+    assert not old.exists()
+
+
+def test_reports_of_several_uses_have_names_of_their_own():
+    assert STEPS["Keep the report"]["with"]["name"] == "${{ inputs.artifact }}"
+
+
+def check(tmp_path, path=os.environ["PATH"], **inputs):
+    """The step that checks, with these inputs and this search path, in the environment of these tests."""
     inputs = {name: given.get("default", "") for name, given in ACTION["inputs"].items()} | inputs
     inputs |= {"report": str(tmp_path / "report.xml")}
     step = STEPS["Check"]
     given = {name: inputs[re.search(r"inputs\.(\w+)", value)[1]] for name, value in step["env"].items()}
-    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    if not (tmp_path / "solidtouch").exists():
+        (tmp_path / "solidtouch").symlink_to(Path(sys.executable).parent.parent)
+    return bash(step["run"], given | {"RUNNER_TEMP": str(tmp_path), "PATH": path})
+
+
+def bash(script, env):
+    """A script as GitHub runs it."""
+    if (program := shutil.which("bash")) is None:
+        pytest.skip("there is no bash")
     return subprocess.run(
-        [bash, "-eo", "pipefail", "-c", step["run"]],
-        env=os.environ | given | {"PATH": path},
-        capture_output=True,
-        text=True,
-        check=False,
+        [program, "-eo", "pipefail", "-c", script], env=os.environ | env, capture_output=True, text=True, check=False
     )
 
 
