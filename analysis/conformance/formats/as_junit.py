@@ -18,12 +18,20 @@ def junit(report: Mapping[str, Any]) -> str:
         members = [case for case in report["cases"] if case["level"] == level["level"]]
         suite = SubElement(root, "testsuite", {"name": level["level"], **_counts(members)})
         properties = SubElement(suite, "properties")
-        for name in ("kit", "software", "precision"):
-            SubElement(properties, "property", {"name": name, "value": report[name]})
+        for name, value in _properties(report, level).items():
+            SubElement(properties, "property", {"name": name, "value": value})
         for case in members:
             _add(suite, case)
     indent(root)
     return '<?xml version="1.0" encoding="utf-8"?>\n' + _NO_XML.sub("?", tostring(root, encoding="unicode")) + "\n"
+
+
+def _properties(report: Mapping[str, Any], level: Mapping[str, Any]) -> dict[str, str]:
+    """What was compared with what, under which conditions, and what the program can claim by it."""
+    found = {name: report[name] for name in ("kit", "software", "precision")}
+    if report["without"]:
+        found["without"] = " ".join(report["without"])
+    return found | {"passes": "true" if level["passes"] else "false", "claim": report["sentences"][-1]}
 
 
 def _counts(cases: Sequence[Mapping[str, Any]]) -> dict[str, str]:

@@ -194,6 +194,23 @@ def test_a_report_is_junit():
     assert {e.get("value") for e in root.iter("property") if e.get("name") == "kit"} == {KIT_VERSION}
 
 
+def test_junit_names_the_conditions_and_the_claim():
+    """As the text does; a level that the program cannot claim says so."""
+    without = replace(report(WRONG), precision="single", without=("log_evidence", "where"))
+    root, plain = (ET.fromstring(one.as_junit().encode()) for one in (without, report(WRONG)))  # noqa: S314
+    found = [{each.get("name"): each.get("value") for each in suite.iter("property")} for suite in root]
+
+    for suite, level in zip(found, LEVELS, strict=True):
+        assert {name: suite[name] for name in ("precision", "without", "passes", "claim")} == {
+            "precision": "single",
+            "without": "log_evidence where",
+            "passes": "false" if level == "core" else "true",
+            "claim": without.sentences[-1],
+        }
+    assert "single precision, no log_evidence, no where: passes" in found[0]["claim"]
+    assert not [each for each in plain.iter("property") if each.get("name") == "without"]
+
+
 def test_the_words_of_a_program_do_not_end_in_xml_or_json():
     """Whatever they are; what was checked is named by its words, too."""
     odd = replace(report(WRONG), title="Conformance of \x07\"&<'\udfff")
