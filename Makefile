@@ -150,7 +150,7 @@ faults: $(VENV)/.ready-run
 	@$(PY) -m benchmarks.checks.faults
 
 firmware: $(VENV)/.ready-dev
-	@SOLIDTOUCH_GRBL="$(or $(GRBL),$(SOLIDTOUCH_GRBL))" $(PY) -m pytest -rs --durations=5 tests/hardware/firmware
+	@SOLIDTOUCH_GRBL="$(or $(GRBL),$(SOLIDTOUCH_GRBL),$(error firmware needs a checkout of GRBL's sources: make firmware GRBL=DIR))" $(PY) -m pytest -rs --durations=5 tests/hardware/firmware
 
 kills: $(VENV)/.ready-run
 	@$(PY) -m benchmarks.checks.kills

@@ -179,6 +179,24 @@ def test_targets_are_explained():
     ] == []
 
 
+def test_the_firmware_is_not_tested_without_its_sources():
+    """As all tests would be skipped. Nothing is run."""
+    without, given = (
+        subprocess.run(
+            ["make", "--dry-run", "firmware", f"GRBL={folder}", "SOLIDTOUCH_GRBL="],  # noqa: S607
+            cwd=ROOT,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        for folder in ("", "grbl")
+    )
+
+    assert without.returncode == 2
+    assert without.stderr.endswith("firmware needs a checkout of GRBL's sources: make firmware GRBL=DIR.  Stop.\n")
+    assert (given.returncode, 'SOLIDTOUCH_GRBL="grbl"' in given.stdout) == (0, True)
+
+
 def test_the_image_gets_what_the_wheel_is_made_of():
     kept = re.findall(r"^!(.*)", text(".dockerignore"), flags=re.MULTILINE)
 
