@@ -6,13 +6,16 @@ These are `.nc`, `.zarr`, `.mcap`, `.npz`, `.csv`, `.mat` and folders of `.csv` 
 import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, nullcontext
+from importlib.util import find_spec
 from pathlib import Path
 
 from ..errors import InputError, check_path
+from ..extras import missing as missing_package
 from ..settings import Missing, check_missing
 from ..taps import TapSet, concatenate
 from .arrays import read_arrays
 from .csv import read_csv, read_csv_folder
+from .layouts.formats.registry import ENDINGS
 from .recording import Recording, naming
 
 type TapSource = TapSet | str | Path
@@ -140,6 +143,17 @@ def read_recording(path: str | Path, missing: Missing = "refuse") -> Recording:
         return read_csv(path, missing)
     if kind in (".npz", ".mat"):
         return read_arrays(path, missing)
+    if kind in ENDINGS:
+        raise InputError(f"{path}: {_by_a_map(kind)}")
     raise InputError(
         f"{path}: unknown format; supported: .nc, .zarr, .mcap, .npz, .csv, .mat and folders of .csv files."
+    )
+
+
+def _by_a_map(kind: str) -> str:
+    """How to import a file with this ending, whose columns or arrays may mean anything."""
+    lacking = ENDINGS[kind] in ("parquet", "arrow") and find_spec("pyarrow") is None
+    return (
+        f"{kind} files are read by solidtouch convert with --map or its options; convert --look writes a map to begin "
+        f"with.{f' {missing_package("pyarrow")}' if lacking else ''}"
     )

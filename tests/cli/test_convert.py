@@ -1,8 +1,10 @@
 """`convert` and `inspect` as a person types them."""
 
 import numpy as np
+import pyarrow as pa
 import pytest
 import typer
+from pyarrow import parquet
 from solidtouch.cli.convert import convert
 from solidtouch.cli.inspect import inspect
 from solidtouch.models.errors import InputError
@@ -196,6 +198,16 @@ def test_a_recording_of_another_layout_is_told_how_to_go_on(tmp_path):
     (tmp_path / "a.csv").write_text("press;f1;f2\n1;0.5;3\n")
     with pytest.raises(InputError, match=r"missing column what.*solidtouch convert --look shows what is there\.$"):
         run("convert", tmp_path / "a.csv", tmp_path / "a.nc")
+
+
+def test_a_table_of_parquet_is_told_how_to_go_on(tmp_path):
+    table = {"tap": [0, 0, 1, 1], "what": ["a", "a", "b", "b"], "taxel_0": [1.0, 2, 3, 5]}
+    parquet.write_table(pa.table(table), tmp_path / "a.parquet")
+    with pytest.raises(InputError, match=r"\.parquet files are read .* with --map .* begin with\.$"):
+        run("convert", tmp_path / "a.parquet", tmp_path / "a.nc")
+    run("convert", tmp_path / "a.parquet", tmp_path / "a.nc", "--tap", "tap", "--taxels", "taxel*", "--what", "what")
+
+    assert TapSet.load(tmp_path / "a.nc").what_name == ["a", "b"]
 
 
 def test_looking_at_times_tells_gaps_and_at_x_and_y_a_plane(tmp_path):

@@ -1,6 +1,7 @@
 """Round trips through every file kind, recorded data, and files that are something else."""
 
 import shutil
+import sys
 import zipfile
 from pathlib import Path
 
@@ -192,6 +193,21 @@ def test_missing_file_and_unknown_kind_are_refused(tmp_path):
     ):
         with pytest.raises(InputError, match=message):
             load_taps(tmp_path / name)
+
+
+@pytest.mark.parametrize("name", ["taps.parquet", "taps.ARROW", "taps.feather", "taps.h5", "taps.tsv", "taps.jsonl"])
+@pytest.mark.parametrize("installed", [True, False])
+def test_a_file_that_needs_a_map_says_so(tmp_path, monkeypatch, name, installed):
+    """And which package, where that is not installed."""
+    if not installed:
+        monkeypatch.setitem(sys.modules, "pyarrow", None)
+    (tmp_path / name).touch()
+    with pytest.raises(InputError, match="are read by solidtouch convert with --map or its options") as caught:
+        load_taps(tmp_path / name)
+
+    columnar = name.lower().endswith(("parquet", "arrow", "feather"))
+    assert "convert --look writes a map" in str(caught.value)
+    assert ("solidtouch[formats]" in str(caught.value)) == (columnar and not installed)
 
 
 def test_a_tap_set_holds_no_streams(tmp_path, make_taps):
