@@ -70,6 +70,8 @@ def _figures(file: Path, groups: "Mapping[str, xr.Dataset]") -> "tuple[dict[str,
     from ..analysis.page.labelled import NUMBERS_FORMAT
     from ..analysis.reproduce import redraw as reproduction
 
+    if other := _other_kind(groups["/"]):
+        raise InputError(f"{file}: not a file of results, but {other}; expected `results.nc` or `compare.nc`.")
     written = groups["/"].attrs.get("format", NUMBERS_FORMAT)  # before 0.2.0 without
     check_format(written, f"{file}: a file", NUMBERS_FORMAT)
     try:
@@ -81,3 +83,10 @@ def _figures(file: Path, groups: "Mapping[str, xr.Dataset]") -> "tuple[dict[str,
         raise InputError(f"{file}: not a whole file of results: {error}.") from error
     older = " of an earlier version" * bool({"passive/curve", "classes"} & groups.keys())
     raise InputError(f"{file}: not a file of results{older}; expected `results.nc` or `compare.nc` of this version.")
+
+
+def _other_kind(root: "xr.Dataset") -> str:
+    """What else of this software a file is, whose formats have numbers of their own; empty for none."""
+    if {"kind", "digest"} & root.attrs.keys():
+        return "a fitted model"
+    return "a tap set" if "taps" in root else ""

@@ -122,6 +122,20 @@ def test_other_files_are_refused(stored, command, tmp_path):
         assert said in " ".join(done.err.split())
 
 
+def test_a_model_and_a_tap_set_are_called_so(make_taps, command, tmp_path):
+    """Their numbers of format are not those of files of results."""
+    taps = make_taps()
+    taps.save(tmp_path / "taps.nc")
+    st.fit(taps).save(tmp_path / "model.nc")
+    with xr.open_dataset(tmp_path / "model.nc", engine="h5netcdf") as model:
+        assert model.attrs["format"] == 2
+    for name, what in (("model", "a fitted model"), ("taps", "a tap set")):
+        done = command("redraw", tmp_path / f"{name}.nc")
+        assert done.code == 2
+        said = f"{name}.nc: not a file of results, but {what}; expected `results.nc` or `compare.nc`."
+        assert said in " ".join(done.err.split())
+
+
 def documented(section):
     """Rows of the tables of a section: groups, variable, dims and unit of each."""
     text = DOCUMENT.read_text(encoding="utf-8").split(f"\n## `{section}`\n")[1].split("\n## ")[0]
