@@ -52,7 +52,9 @@ def check_writable(path: str | Path, force: bool = False) -> Path:
         raise InputError(f"{path}: already exists; use --force to overwrite it (in Python: force=True).")
     folder = path.parent
     if not folder.is_dir():
-        raise InputError(f"{path}: cannot write: no folder {folder}.")
+        file = next((parent for parent in path.parents if parent.exists() and not parent.is_dir()), None)
+        lacking = f"no folder {folder}" if file is None else f"{file} is a file, expected a folder"
+        raise InputError(f"{path}: cannot write: {lacking}.")
     if not os.access(folder, os.W_OK):
         raise InputError(f"{path}: cannot write: folder {folder} is not writable.")
     return path
@@ -303,7 +305,8 @@ def check_folder(path: str | Path, force: bool = False) -> Path:
     if not there.is_dir():
         raise InputError(f"{path}: cannot create the folder: {there} is a file.")
     if not os.access(there, os.W_OK | os.X_OK) or not _holds_folders(there):
-        raise InputError(f"{path}: cannot create the folder: {there} is not writable.")
+        what = "the folder" if path.is_dir() else f"cannot create the folder: {there}"
+        raise InputError(f"{path}: {what} is not writable.")
     if path.is_dir() and any(path.iterdir()) and not force:
         raise InputError(f"{path}: already exists; use --force to overwrite the files in it (in Python: force=True).")
     return path

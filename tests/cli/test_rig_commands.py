@@ -225,7 +225,7 @@ def test_a_file_that_cannot_be_made_is_found_before_the_first_move(name, bench, 
     done = command(*(str(word).replace("a.mcap", "plan.toml/a.mcap") for word in words(name, model)))
 
     assert (done.code, done.err.count("\n")) == (2, 1)
-    assert "cannot write: no folder plan.toml" in done.err
+    assert "cannot write: plan.toml is a file, expected a folder" in done.err
     assert not bench.places
 
 

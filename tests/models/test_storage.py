@@ -2,6 +2,7 @@
 
 import errno
 import os
+import re
 import stat
 import subprocess
 import sys
@@ -145,6 +146,10 @@ def test_places_that_cannot_be_written_are_refused(tmp_path, monkeypatch):
         check_writable(tmp_path)
     with pytest.raises(InputError, match=r"no folder .*nowhere"):
         check_writable(tmp_path / "nowhere" / "a")
+    (tmp_path / "mine.csv").touch()
+    for below in ("x.nc", "deeper/x.nc"):
+        with pytest.raises(InputError, match=r"x\.nc: cannot write: .*mine\.csv is a file, expected a folder\.$"):
+            check_writable(tmp_path / "mine.csv" / below)
     monkeypatch.setattr("os.access", lambda *_: False)
     with pytest.raises(InputError, match=r"folder .* is not writable"):
         check_writable(tmp_path / "a")
@@ -389,6 +394,15 @@ def test_folders_that_cannot_be_made_are_refused(tmp_path):
     (tmp_path / "a").touch()
     with pytest.raises(InputError, match="cannot create the folder"), complete_folder(tmp_path / "a" / "b"):
         pytest.fail("the block is entered")
+
+
+def test_a_folder_without_permission_is_not_one_that_cannot_be_made(tmp_path, monkeypatch):
+    """One that is there cannot be written; one that is not cannot be created."""
+    monkeypatch.setattr("os.access", lambda *_: False)
+    with pytest.raises(InputError, match=f"^{re.escape(str(tmp_path))}: the folder is not writable"):
+        check_folder(tmp_path)
+    with pytest.raises(InputError, match=f"cannot create the folder: {re.escape(str(tmp_path))} is not writable"):
+        check_folder(tmp_path / "new")
 
 
 def test_devices_and_pipes_are_never_replaced(tmp_path):
