@@ -58,7 +58,7 @@ def list_cases(
         from ..analysis.conformance.front import open_kit
     table = Table("case", "level", "equations", "taps", "what it tests", box=None)
     of = open_kit(kit)
-    chosen = of.select(case or (), level or ())
+    chosen = [one for one in of.select(case or (), level or ()) if not one.absent]
     for one in chosen:
         table.add_row(one.name, one.level, _equations(one.equations), str(len(one.taps)), one.about)
     console = Console()

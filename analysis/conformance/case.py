@@ -47,10 +47,12 @@ class Pinned(NamedTuple):
     Attributes:
         answers: Of the taps that have one, each an `answers.Answer`.
         tolerances: Absolute and relative, by quantity.
+        left_out: Why the file is not there, as the precision of its kit cannot do it; empty where it is.
     """
 
     answers: tuple[Any, ...]
     tolerances: Mapping[str, tuple[float, float]]
+    left_out: str = ""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -117,6 +119,11 @@ class Case:
 
     def __repr__(self) -> str:
         return f"<Case {self.name}: {len(self.taps)} tap{'s' * (len(self.taps) != 1)}. {self.about}>"
+
+    @property
+    def absent(self) -> bool:
+        """Whether a folder has its name alone, as the precision of its kit cannot do it."""
+        return self.pinned is not None and bool(self.pinned.left_out)
 
     @property
     def sizes(self) -> dict[str, int]:

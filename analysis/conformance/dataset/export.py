@@ -4,7 +4,6 @@ The same bytes come out each time, on any machine: no clock, no compression, lin
 """
 
 import json
-from collections import Counter
 from collections.abc import Callable, Sequence
 from importlib.resources import files
 from pathlib import Path
@@ -62,13 +61,15 @@ def export_kit(
     Raises:
         InputError: The folder cannot be written.
     """
-    entries = []
+    entries, left_out = [], []
     with complete_folder(folder, force) as temporary:
         for case in cases:
-            if _can(case, precision):
+            if reason := _obstacle(case, precision):
+                left_out.append({**_about(case), "reason": reason})
+            else:
                 entries.append(_export(temporary, case, precision))
             progress(1)
-        _write(temporary / "index.json", json.dumps(_index(kit, entries, precision), indent=1))
+        _write(temporary / "index.json", json.dumps(_index(kit, precision, entries, left_out), indent=1))
         for name in STATIC:
             (temporary / name).write_bytes(files(__package__).joinpath(name).read_bytes())
         _describe(temporary, entries)
@@ -76,21 +77,27 @@ def export_kit(
     return len(entries)
 
 
-def _can(case: Case, precision: Precision) -> bool:
-    return precision == "double" or not needs_double(case, expected(case))
+def _obstacle(case: Case, precision: Precision) -> str:
+    return needs_double(case, expected(case)) if precision == "single" else ""
 
 
-def _index(kit: Kit, entries: list[dict[str, Any]], precision: Precision) -> dict[str, Any]:
-    sizes = Counter(case.level for case in kit.cases.values() if _can(case, precision))
+def _about(case: Case) -> dict[str, Any]:
+    return {"case": case.name, "level": case.level, "about": case.about, "equations": list(case.equations)}
+
+
+def _index(
+    kit: Kit, precision: Precision, entries: list[dict[str, Any]], left_out: list[dict[str, Any]]
+) -> dict[str, Any]:
     return {
         **_CONVENTIONS,
         "kit": kit.version,
         "released": RELEASED,
         "license": LICENSE,
         "precision": precision,
-        "levels": {level: sizes[level] for level in LEVELS},
+        "levels": {level: kit.sizes[level] for level in LEVELS},
         "provenance": provenance(),
         "cases": entries,
+        "left_out": left_out,
     }
 
 
@@ -115,8 +122,7 @@ def _export(folder: Path, case: Case, precision: Precision) -> dict[str, Any]:
     if len(text) > _LARGE:
         np.savez(folder / f"{case.name}.npz", **_arrays(case), **_settings(case, precision))
         names.append(f"{case.name}.npz")
-    about = {"case": case.name, "level": case.level, "about": case.about, "equations": list(case.equations)}
-    return about | {"taps": len(case.taps), "files": names}
+    return _about(case) | {"taps": len(case.taps), "files": names}
 
 
 def as_object(case: Case, precision: Precision) -> dict[str, Any]:

@@ -38,6 +38,14 @@ class _Entry(msgspec.Struct):
     level: str
 
 
+class _LeftOut(_Entry):
+    """A case that the precision of the kit cannot do."""
+
+    about: str
+    equations: tuple[int, ...]
+    reason: str
+
+
 class _Index(msgspec.Struct):
     """What is read of the index."""
 
@@ -45,6 +53,7 @@ class _Index(msgspec.Struct):
     precision: Precision
     levels: dict[str, int]
     cases: list[_Entry]
+    left_out: list[_LeftOut] = []
 
 
 class _Tap(msgspec.Struct):
@@ -123,18 +132,21 @@ def read_kit(folder: str | Path) -> Kit:
     index = _decoded(folder, INDEX, names, _Index)
     if not index.kit.isprintable():
         raise InputError(f"kit {folder}: {INDEX} is not of format {FORMAT}: kit is not a version.")
-    for entry in index.cases:
+    entries = [*index.cases, *index.left_out]
+    for entry in entries:
         if entry.level not in LEVELS:
             raise InputError(
                 f"kit {folder}: kit {index.kit} has level {entry.level!r}, which this version of solidtouch does not "
                 "know; a newer one does."
             )
-    held = Counter(entry.level for entry in index.cases)
+    if index.left_out and index.precision != "single":
+        raise InputError(f"kit {folder}: {INDEX} is not of format {FORMAT}: double precision leaves no case out.")
+    held = Counter(entry.level for entry in entries)
     if short := [level for level in held if index.levels.get(level, 0) < held[level]]:
         raise InputError(f"kit {folder}: {INDEX} is not of format {FORMAT}: levels has too few cases of {short[0]}.")
     cases: dict[str, Case] = {}
-    for entry in index.cases:
-        case = _case(folder, f"{entry.case}.json", names)
+    for entry in entries:
+        case = _absent(folder, entry) if isinstance(entry, _LeftOut) else _case(folder, f"{entry.case}.json", names)
         if case.name in cases or case.level != entry.level:
             said = "it is listed twice" if case.name in cases else f"its file has level {case.level!r}"
             raise InputError(f"kit {folder}: {INDEX} is not of format {FORMAT}: case {case.name}: {said}.")
@@ -167,6 +179,23 @@ def _case(folder: Path, name: str, names: set[str]) -> Case:
         raise InputError(f"kit {folder}: {name} is not of format {FORMAT}: no key {error}.") from None
     except (ValueError, TypeError, OverflowError, msgspec.MsgspecError) as error:  # also bad answers
         raise InputError(f"kit {folder}: {name} is not of format {FORMAT}: {error}.") from None
+
+
+def _absent(folder: Path, entry: _LeftOut) -> Case:
+    """A case of which the folder has the name alone."""
+    if not entry.reason or not all(text.isprintable() for text in (entry.case, entry.about, entry.reason)):
+        raise InputError(f"kit {folder}: {INDEX} is not of format {FORMAT}: left_out is not what it stands for.")
+    return Case(
+        entry.case,
+        entry.about,
+        entry.equations,
+        prior=np.zeros((0, 0)),
+        taps=np.zeros((0, 0, 0)),
+        moves=np.zeros(0, dtype=np.intp),
+        bins=0,
+        level=entry.level,
+        pinned=Pinned((), {}, entry.reason),
+    )
 
 
 def _plain(whole: _CaseFile) -> Case:

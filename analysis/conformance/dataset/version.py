@@ -8,7 +8,7 @@ from typing import Any
 
 from ..arithmetic import DIGITS
 
-KIT_VERSION = "1.4.0"
+KIT_VERSION = "1.5.0"
 RELEASED = "2026-11-28"
 LICENSE = "CC0-1.0"
 """Of cases, answers, schemas and descriptions; the program that makes them has a licence of its own."""

@@ -25,6 +25,7 @@ NAMES = [
     "bins-of-each-taxel",
     "shift-uniform-holes",
 ]
+LEFT_OUT = {"case": "x", "level": "core", "about": "It is small.", "equations": [1], "reason": "it is too small"}
 
 
 @pytest.fixture(scope="module")
@@ -156,6 +157,20 @@ def test_a_folder_is_for_one_precision(small, tmp_path):
         st.conformance.run(right, kit=small, precision="single")
 
 
+def test_a_kit_for_single_precision_allows_the_same_claim_as_the_own_one(tmp_path):
+    """Cases that 32 bits cannot do are left out, not forgotten."""
+    st.conformance.export(tmp_path / "single", precision="single")
+    own, pinned = (st.conformance.run(right, precision="single", kit=kit) for kit in (None, tmp_path / "single"))
+
+    assert pinned.sentences == own.sentences
+    assert "core (3 left out)" in pinned.sentences[-1]
+    assert {**pinned.found} == {**own.found}
+    assert pinned.levels == own.levels
+    with pytest.raises(st.InputError, match=r"case single-edges: kit .* leaves it out, as 32 bits cannot do it"):
+        st.conformance.expected("single-edges", tmp_path / "single")
+    assert "single-edges" not in {case.name for case in st.conformance.cases(kit=tmp_path / "single")}
+
+
 def test_a_kit_of_an_older_version_is_read():
     """As version 0.1.0 of the package wrote it; its cases are those of this version."""
     folder = Path(__file__).parent / "older" / "kit-1.0.0"
@@ -226,6 +241,14 @@ def in_place_of_a_file(folder):
         (
             edited("index.json", levels={"core": 7}),
             "index.json is not of format 1: levels has too few cases of borders.",
+        ),
+        (
+            edited("index.json", left_out=[LEFT_OUT]),
+            "index.json is not of format 1: double precision leaves no case out.",
+        ),
+        (
+            edited("index.json", precision="single", left_out=[LEFT_OUT | {"reason": ""}]),
+            "index.json is not of format 1: left_out is not what it stands for.",
         ),
         (edited("root-j.json", tolerances={}), "root-j.json is not of format 1: no key '"),
         (edited("root-j.json", edges=[0.0, {}]), "root-j.json is not of format 1: float() argument must be"),
