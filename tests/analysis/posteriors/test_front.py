@@ -10,8 +10,8 @@ import arviz as az
 import numpy as np
 import pytest
 import xarray as xr
+from json_schemas import schema_at
 from jsonschema import Draft202012Validator
-from referencing import Registry, Resource
 from solidtouch.analysis.posteriors import catalogue, files
 from solidtouch.analysis.posteriors.files import read_draws
 from solidtouch.models.measurement.registry import NAMES
@@ -20,11 +20,7 @@ import solidtouch as st
 
 DATA = Path(catalogue.__file__).parent / "data"
 FOUND = {path.name.split(".")[0]: json.loads(path.read_text()) for path in DATA.glob("*.schema.json")}
-PLACES = [((DATA / f"{name}.schema.json").as_uri(), Resource.from_contents(schema)) for name, schema in FOUND.items()]
-REGISTRY = Registry().with_resources(PLACES)
-SCHEMAS = {name: Draft202012Validator({"$ref": place}, registry=REGISTRY)
-           for name, (place, _) in zip(FOUND, PLACES, strict=True)}  # fmt: skip
-"""As a program finds them that is given the place of one."""
+SCHEMAS = {name: schema_at(DATA / f"{name}.schema.json") for name in FOUND}
 
 
 @pytest.fixture
