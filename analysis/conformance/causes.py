@@ -17,10 +17,10 @@ import numpy as np
 from .answers import ARRAYS, OPTIONAL, Answer
 from .case import Case
 from .catalogue import expected
-from .comparison import first_difference
+from .comparison import first_difference, is_later
 from .exact import Exact
 from .mistakes import MISTAKES, Mistake, explains
-from .tolerance import Precision, tolerances
+from .tolerance import Precision, Tolerance, tolerances
 from .verdict import Verdict
 
 _CHEAP = 20_000  # steps of a case for which every mistake is tried
@@ -122,6 +122,12 @@ def _rounds(case: Case, verdict: Verdict, form: str, n: int, precision: Precisio
     return bool(((given == right) | (off <= 0.5 * 10.0 ** (first - n))).all())
 
 
+def _is_right(case: Case, verdict: Verdict, allowed: dict[str, Tolerance], without: Sequence[str]) -> bool:
+    """Whether what differs from a file is what this version computes, so that mistakes without effect give it too."""
+    own = [*Exact(case, max(verdict.found.tap, 1)).answers()]
+    return is_later(first_difference(case, own, verdict.answers, allowed, without), verdict.found)
+
+
 def _answer(answers: Sequence[Answer], tap: int) -> Mapping[str, Any]:
     """The values of the answer to a tap."""
     return next(answer.values for answer in answers if answer.tap == tap)
@@ -175,7 +181,8 @@ def _causes(
 ) -> set[str]:
     allowed = tolerances(case, expected(case), precision)
     found: set[str] = set()
-
+    if case.pinned is not None and _is_right(case, verdict, allowed, without):
+        return found
     for mistake in ranked:
         refuted = partial(witnesses.refute, mistake, case.border)
         if explains(mistake, case, verdict.answers, verdict.found, allowed, without, refuted):

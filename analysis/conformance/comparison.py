@@ -62,6 +62,15 @@ def first_difference(
     return None
 
 
+def is_later(other: Difference | None, found: Difference) -> bool:
+    """Whether a difference, if there is one, comes after another."""
+    return other is None or (other.tap, _order(other.quantity)) > (found.tap, _order(found.quantity))
+
+
+def _order(quantity: str) -> int:
+    return QUANTITIES.index(quantity) if quantity in QUANTITIES else -1
+
+
 def _compare(
     case: Case, right: Answer, given: Answer, tolerances: dict[str, Tolerance], without: Sequence[str]
 ) -> tuple[str, str] | None:

@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .answers import LOGS, QUANTITIES, Answer
+from .answers import LOGS, Answer
 from .arithmetic import MP, Matrix, Number
 from .case import Case
-from .comparison import Difference, first_difference
+from .comparison import Difference, first_difference, is_later
 from .exact import Bins, Exact
 from .level_mistakes import FORMS
 from .tolerance import Tolerance
@@ -412,8 +412,4 @@ def _explains(
         other = first_difference(rules.case, [predicted], actual, tolerances, without)
         if other is not None:
             break
-    return other is None or (other.tap, _order(other.quantity)) > (found.tap, _order(found.quantity))
-
-
-def _order(quantity: str) -> int:
-    return QUANTITIES.index(quantity) if quantity in QUANTITIES else -1
+    return is_later(other, found)

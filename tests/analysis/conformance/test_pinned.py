@@ -123,6 +123,25 @@ def test_causes_are_found_in_a_pinned_kit(small):
     assert report.found["root-j"].cause == "move-sign"
 
 
+@pytest.mark.parametrize(
+    ("name", "tap", "quantity"),
+    [("root-j", 1, "what"), ("shift-uniform-holes", 3, "where"), ("root-j", 2, "posterior")],
+)
+def test_no_cause_is_named_where_the_answer_of_the_folder_is_another_than_that_of_this_version(
+    copy, name, tap, quantity
+):
+    """A mistake that has no effect on the case is none of a right program."""
+
+    def change(whole):
+        answer = whole["expected"][tap - 1]
+        answer[quantity] = (np.array(answer[quantity]) / 2).tolist()
+
+    edit(copy, f"{name}.json", change)
+
+    verdict = st.conformance.run(right, [name], kit=copy).found[name]
+    assert (verdict.status, verdict.tap, verdict.quantity, verdict.cause) == ("differs", tap, quantity, "")
+
+
 def test_a_level_is_claimed_of_the_whole_kit_only(small, copy):
     """A folder with some of its cases says how many there are."""
     core, borders = (own_kit().sizes[level] for level in ("core", "borders"))
