@@ -11,7 +11,7 @@ from ...models.errors import InputError
 from ...models.progress import Progress, no_progress
 from ...models.storage import check_folder
 from ..page.stages import counted
-from .answers import FIT, QUANTITIES
+from .answers import FIT, OPTIONAL, QUANTITIES
 from .case import BASIC, LEVELS, Case
 from .catalogue import Kit, listed, own_kit
 from .catalogue import expected as exact_answers
@@ -284,7 +284,7 @@ def _asked(precision: Precision, without: Sequence[str], causes: bool, timeout: 
     """What is asked of an implementation.
 
     Raises:
-        InputError: There is no such precision or quantity, or the timeout is not positive.
+        InputError: There is no such precision or quantity, nothing is left to compare, or the timeout is not positive.
     """
     _check_precision(precision)
     if not (isinstance(timeout, Real) and timeout > 0):
@@ -294,6 +294,8 @@ def _asked(precision: Precision, without: Sequence[str], causes: bool, timeout: 
     for name in without:
         if name not in known:
             raise InputError(f"without must be one of {', '.join(known)}, got {name!r}.")
+    if {*known} <= {*without, *OPTIONAL, "information"}:  # the last is of level strategies alone
+        raise InputError("without names everything that a program must answer; at least one quantity must be compared.")
     return Asked(precision, without, timeout, causes)
 
 

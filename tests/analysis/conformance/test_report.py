@@ -10,6 +10,7 @@ from solidtouch.analysis.conformance.routes import answers as engine_answers
 
 import solidtouch as st
 
+ALL = ["log_likelihood", "log_evidence", "posterior", "where", "what", "decisions", "move"]
 SHORT = ["root-j", "fit", "ties", "impossible-later", "shift-clamp"]
 
 
@@ -177,6 +178,7 @@ def test_quantities_may_be_left_out():
 
     assert not st.conformance.run(short, ["root-j"]).passed
     assert st.conformance.run(short, ["root-j"], without=["log_evidence"]).passed
+    assert st.conformance.run(right, ["root-j"], without=ALL[1:]).passed
 
 
 def test_causes_are_looked_for_unless_unwanted():
@@ -204,6 +206,9 @@ def test_single_precision_has_wider_tolerances():
         (lambda: st.conformance.run(right, ["y"]), "case y: there is no such case"),
         (lambda: st.conformance.run(right, levels=["all"]), "level all: it must be one of core, episodes, borders"),
         (lambda: st.conformance.run(right, without=["belief"]), "without must be one of log_likelihood"),
+        (lambda: st.conformance.run(right, without=ALL), "at least one quantity must be compared"),
+        (lambda: st.conformance.run_program("true", without=ALL), "at least one quantity must be compared"),
+        (lambda: st.conformance.run_files(".", without=ALL), "at least one quantity must be compared"),
         (lambda: st.conformance.run(right, without="belief"), "without must be a list, got 'belief'"),
         (lambda: st.conformance.run(right, 3), "names must be a list, got 3"),
         (lambda: st.conformance.cases(["root-j"]), r"case \['root-j'\]: there is no such case"),
