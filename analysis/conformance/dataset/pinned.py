@@ -1,5 +1,6 @@
 """Reader of an exported kit: cases, exact answers, tolerances and allowed choices as the files have them."""
 
+import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -18,10 +19,12 @@ from ..catalogue import Kit
 from ..information import STRATEGIES
 from ..tolerance import Precision
 from .checksums import check_sums
+from .version import KIT_VERSION
 
 INDEX = "index.json"
 CHOICES = ("decisions", "move")
 _ROUNDING = 1e-9
+_VERSION = re.compile(r"(0|[1-9][0-9]*)(\.(0|[1-9][0-9]*)){2}")
 _MOST = 2.0**53
 
 
@@ -130,8 +133,10 @@ def read_kit(folder: str | Path) -> Kit:
         raise InputError(f"kit {folder}: not a folder.")
     names = set(check_sums(folder))
     index = _decoded(folder, INDEX, names, _Index)
-    if not index.kit.isprintable():
-        raise InputError(f"kit {folder}: {INDEX} is not of format {FORMAT}: kit is not a version.")
+    if not _VERSION.fullmatch(index.kit):
+        raise InputError(
+            f"kit {folder}: {INDEX} is not of format {FORMAT}: kit is not a version such as {KIT_VERSION}."
+        )
     entries = [*index.cases, *index.left_out]
     for entry in entries:
         if entry.level not in LEVELS:

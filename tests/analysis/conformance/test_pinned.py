@@ -281,7 +281,13 @@ def in_place_of_a_file(folder):
             "index.json is not of format 1: case root-j: it is listed twice.",
         ),
         (edited("root-j.json", level="borders"), "index.json is not of format 1: case root-j: its file has level"),
-        (edited("index.json", kit="1\x1b[2J"), "index.json is not of format 1: kit is not a version."),
+        *(
+            (
+                edited("index.json", kit=kit),
+                f"index.json is not of format 1: kit is not a version such as {KIT_VERSION}.",
+            )
+            for kit in ("1\x1b[2J", "foo", "1.4", "v1.4.0", "1.04.0", "1.4.0\n", "1.4.0-rc1", "")
+        ),
         (edited("root-j.json", about="\x1b[2J"), "root-j.json is not of format 1: about is not what it stands for."),
         (edited("root-j.json", expected=[]), "root-j.json is not of format 1: expected is not what it stands for."),
         (of_first_answer(tap=5), "root-j.json is not of format 1: expected is not what it stands for."),
