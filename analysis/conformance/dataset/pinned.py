@@ -19,6 +19,7 @@ from ..catalogue import Kit
 from ..information import STRATEGIES
 from ..tolerance import Precision
 from .checksums import check_sums
+from .fingerprints import frozen_sizes, is_own
 from .version import KIT_VERSION
 
 INDEX = "index.json"
@@ -156,7 +157,20 @@ def read_kit(folder: str | Path) -> Kit:
             said = "it is listed twice" if case.name in cases else f"its file has level {case.level!r}"
             raise InputError(f"kit {folder}: {INDEX} is not of format {FORMAT}: case {case.name}: {said}.")
         cases[case.name] = case
+    if index.kit == KIT_VERSION:
+        _check_own(folder, index, cases)
     return Kit(index.kit, cases, index.levels, index.precision)
+
+
+def _check_own(folder: Path, index: _Index, cases: Mapping[str, Case]) -> None:
+    """Checks that what has the name of this version's kit is it, as claims have no other name for it."""
+    for name, case in cases.items():
+        if not is_own(case, index.precision):
+            wrong = f"{INDEX} leaves {name} out, unlike" if case.absent else f"{name}.json is not the case of"
+            raise InputError(f"kit {folder}: {wrong} kit {KIT_VERSION}.")
+    if (sizes := frozen_sizes()) != index.levels:
+        level = next(level for level in LEVELS if sizes[level] != index.levels.get(level))
+        raise InputError(f"kit {folder}: {INDEX} has another number of cases of {level} than kit {KIT_VERSION}.")
 
 
 def _decoded[T](folder: Path, name: str, names: set[str], kind: type[T]) -> T:

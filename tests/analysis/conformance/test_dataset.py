@@ -14,7 +14,9 @@ from zipfile import ZipFile
 import numpy as np
 import pytest
 from solidtouch.analysis.conformance.catalogue import catalogue
+from solidtouch.analysis.conformance.dataset import pinned
 from solidtouch.analysis.conformance.dataset.export import STATIC
+from solidtouch.analysis.conformance.dataset.fingerprints import FINGERPRINTS, fingerprint
 from solidtouch.analysis.conformance.dataset.version import KIT_VERSION, RELEASED
 
 import solidtouch as st
@@ -50,6 +52,25 @@ def test_a_version_holds_the_same_cases_and_answers(exported):
     assert not added, (
         "New cases take a new minor KIT_VERSION, with RELEASED and an entry in CHANGELOG.md of the kit. "
         f"Then append what this test prints to {FROZEN.relative_to(ROOT)}:\n" + "\n".join(added)
+    )
+
+
+def test_fingerprints_are_those_of_the_cases(exported, tmp_path, monkeypatch):
+    """So that a folder of this version holds them and no others."""
+    monkeypatch.setattr(pinned, "KIT_VERSION", "0.0.0")  # of another version, none is compared
+    st.conformance.export(tmp_path / "single", precision="single")
+    double, single = (pinned.read_kit(folder).cases for folder in (exported, tmp_path / "single"))
+    found = {
+        name: [case.level, fingerprint(case), None if single[name].absent else fingerprint(single[name])]
+        for name, case in double.items()
+    }
+    text = "{\n" + ",\n".join(f"{json.dumps(name)}: {json.dumps(parts)}" for name, parts in found.items()) + "\n}\n"
+    path = Path(pinned.__file__).with_name(FINGERPRINTS)
+    old = path.read_text().splitlines()
+
+    assert path.read_text() == text, (
+        f"{path.name} of the kit takes these lines, those of its old cases without a new major version never:\n"
+        + "\n".join(line for line in text.splitlines() if line not in old)
     )
 
 

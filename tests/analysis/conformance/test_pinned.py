@@ -26,6 +26,8 @@ NAMES = [
     "shift-uniform-holes",
 ]
 LEFT_OUT = {"case": "x", "level": "core", "about": "It is small.", "equations": [1], "reason": "it is too small"}
+OTHER = "0.9.1"
+"""A version whose cases this one does not know."""
 
 
 @pytest.fixture(scope="module")
@@ -40,12 +42,12 @@ def copy(small, tmp_path):
     return shutil.copytree(small, tmp_path / "copy")
 
 
-def edit(folder, name, change):
-    """Changes a JSON file of a kit, and its checksum."""
-    path = folder / name
-    whole = json.loads(path.read_text())
-    change(whole)
-    path.write_text(json.dumps(whole))
+def edit(folder, name, change, version=None):
+    """Changes a JSON file of a kit, and its checksum; also its version, if one is named."""
+    for file, apply in ((name, change), ("index.json", lambda index: index.update(kit=version or index["kit"]))):
+        whole = json.loads((folder / file).read_text())
+        apply(whole)
+        (folder / file).write_text(json.dumps(whole))
     (folder / "SHA256SUMS").unlink()
     write_sums(folder)
 
@@ -94,7 +96,7 @@ def test_the_answers_of_the_folder_count(copy):
         whole["tolerances"]["where"]["absolute"] = 9.0
         whole["expected"][1]["allowed_moves"] = [whole["expected"][1]["move"], 77]
 
-    edit(copy, "root-j.json", change)
+    edit(copy, "root-j.json", change, OTHER)
 
     def wide(case):
         answers = right(case)
@@ -109,6 +111,7 @@ def test_the_answers_of_the_folder_count(copy):
         copy,
         "root-j.json",
         lambda whole: whole["expected"][0].update(what=right(catalogue()["root-j"])[0]["what"].tolist()),
+        OTHER,
     )
     assert st.conformance.run(wide, ["root-j"], kit=copy).passed
     assert not st.conformance.run(wide, ["root-j"]).passed
@@ -136,7 +139,7 @@ def test_no_cause_is_named_where_the_answer_of_the_folder_is_another_than_that_o
         answer = whole["expected"][tap - 1]
         answer[quantity] = (np.array(answer[quantity]) / 2).tolist()
 
-    edit(copy, f"{name}.json", change)
+    edit(copy, f"{name}.json", change, OTHER)
 
     verdict = st.conformance.run(right, [name], kit=copy).found[name]
     assert (verdict.status, verdict.tap, verdict.quantity, verdict.cause) == ("differs", tap, quantity, "")
@@ -150,7 +153,7 @@ def test_a_level_is_claimed_of_the_whole_kit_only(small, copy):
         f"Conformance kit {KIT_VERSION}: core: {core - 7} of {core} not asked; "
         f"borders: {borders - 1} of {borders} not asked."
     )
-    edit(copy, "index.json", lambda whole: whole.update(kit="0.9.1", levels={"core": 7, "borders": 1}))
+    edit(copy, "index.json", lambda whole: whole.update(kit=OTHER, levels={"core": 7, "borders": 1}))
     assert st.conformance.run(right, kit=copy).sentences[-1] == "Conformance kit 0.9.1: passes core, borders."
 
 
@@ -295,6 +298,28 @@ def in_place_of_a_file(folder):
         (
             lambda folder: edit(folder, "root-j.json", lambda whole: whole["expected"][0].pop("posterior")),
             "root-j.json is not of format 1: no key 'posterior'.",
+        ),
+        *(
+            (edited("root-j.json", **values), f"copy: root-j.json is not the case of kit {KIT_VERSION}.")
+            for values in (
+                {"theta_x": 0.25},
+                {"about": "It is another."},
+                {"prior": (np.eye(5, 3) / 3).tolist(), "where_value": [1.0] * 5},
+            )
+        ),
+        (of_first_answer(move=0), f"copy: root-j.json is not the case of kit {KIT_VERSION}."),
+        (of_first_answer(allowed_moves=[0, 1, 2]), f"copy: root-j.json is not the case of kit {KIT_VERSION}."),
+        (
+            lambda folder: edit(folder, "root-j.json", lambda whole: whole["tolerances"]["what"].update(absolute=1.0)),
+            f"copy: root-j.json is not the case of kit {KIT_VERSION}.",
+        ),
+        (
+            edited("index.json", levels={**own_kit().sizes, "core": 7}),
+            f"copy: index.json has another number of cases of core than kit {KIT_VERSION}.",
+        ),
+        (
+            edited("index.json", precision="single", cases=[], left_out=[LEFT_OUT | {"case": "root-j"}]),
+            f"copy: index.json leaves root-j out, unlike kit {KIT_VERSION}.",
         ),
         (in_place_of_a_file, "copy: fit.jsonl cannot be read: not a file."),
         (edited("root-j.json", expected=[{}]), "root-j.json is not of format 1: no key 'tap'."),
