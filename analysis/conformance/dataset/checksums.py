@@ -8,7 +8,7 @@ from pathlib import Path
 from ....models.errors import InputError
 
 SUMS = "SHA256SUMS"
-_LINE = re.compile(r"([0-9a-f]{64})  ([A-Za-z0-9][A-Za-z0-9._-]*)")
+_LINE = re.compile(r"([0-9a-f]{64})  (\.?[A-Za-z0-9][A-Za-z0-9._-]*)")
 
 
 def sha256(path: Path) -> str:
@@ -61,4 +61,15 @@ def _check(folder: Path, right: str, name: str) -> None:
     except OSError as error:
         raise InputError(f"kit {folder}: {name} cannot be read: {error.strerror}.") from None
     if found != right:
-        raise InputError(f"kit {folder}: damaged: {name} differs from its checksum in {SUMS}.")
+        windows = _with_line_feeds(folder / name) == right
+        cause = ": its line ends are those of Windows, as git writes them with core.autocrlf" if windows else ""
+        raise InputError(f"kit {folder}: damaged: {name} differs from its checksum in {SUMS}{cause}.")
+
+
+def _with_line_feeds(path: Path) -> str:
+    """The checksum that a file has with the line ends of an export."""
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        for line in file:
+            digest.update(line.replace(b"\r\n", b"\n"))
+    return digest.hexdigest()

@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -207,8 +208,33 @@ def test_a_kit_of_an_older_version_is_read():
             np.testing.assert_equal(one, other)
 
 
+def test_git_keeps_a_kit_as_it_is(small, tmp_path):
+    """Also where it is told to change line ends."""
+    if (git := shutil.which("git")) is None:
+        pytest.skip("there is no git")
+    shutil.copytree(small, tmp_path / "one" / "kit")
+
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("GIT_")}
+    settings = ("user.name=x", "user.email=x@example.org", "core.autocrlf=true", "commit.gpgsign=false")
+    given = [word for setting in settings for word in ("-c", setting)]
+
+    def run(*words):
+        subprocess.run([git, *given, *words], check=True, capture_output=True, env=environment)
+
+    run("init", tmp_path / "one")
+    run("-C", tmp_path / "one", "add", "--all")
+    run("-C", tmp_path / "one", "commit", "--message", "kit")
+    run("clone", tmp_path / "one", tmp_path / "two")
+
+    assert read_kit(tmp_path / "two" / "kit").version == KIT_VERSION
+
+
 def damage(name):
     return lambda folder: (folder / name).write_bytes((folder / name).read_bytes()[:-2])
+
+
+def windows(name):
+    return lambda folder: (folder / name).write_bytes((folder / name).read_bytes().replace(b"\n", b"\r\n"))
 
 
 def lose(name):
@@ -236,6 +262,11 @@ def in_place_of_a_file(folder):
         (lose("SHA256SUMS"), "copy: incomplete: SHA256SUMS is missing."),
         (lose("root-j.json"), "copy: incomplete: root-j.json is missing, which SHA256SUMS lists."),
         (damage("fit.jsonl"), "copy: damaged: fit.jsonl differs from its checksum in SHA256SUMS."),
+        (
+            windows("CHANGELOG.md"),
+            "copy: damaged: CHANGELOG.md differs from its checksum in SHA256SUMS: its line ends are those of Windows, "
+            "as git writes them with core.autocrlf.",
+        ),
         (lambda folder: (folder / "SHA256SUMS").write_text("x\n"), "damaged: line 1 of SHA256SUMS is not a checksum"),
         (lambda folder: (folder / "SHA256SUMS").write_bytes(b"\xff"), "damaged: SHA256SUMS cannot be read"),
         (
