@@ -67,7 +67,8 @@ def list_cases(
     for name, about in LEVELS.items():
         if sizes[name]:
             console.print(f"{name}: {counted(sizes[name], 'case')}; {about}.", highlight=False)
-    console.print(f"{counted(len(chosen), 'case')} of kit {of.version}.", highlight=False)
+    for sentence in (*of.sentences, f"{counted(len(chosen), 'case')} of kit {of.version}."):
+        console.print(sentence, highlight=False)
 
 
 @app.command("export")

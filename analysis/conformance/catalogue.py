@@ -2,10 +2,10 @@
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache, lru_cache
 
-from ...models.errors import InputError
+from ...models.errors import InputError, counted
 from .answers import Answer
 from .case import LEVELS, Case
 from .cases import beliefs, continuous, likelihood, limits, moves, strategies
@@ -23,12 +23,22 @@ class Kit:
         cases: By name.
         sizes: Number of cases of the whole kit by level; a folder may hold some of them.
         precision: For which the tolerances are; `None` for any.
+        unknown: Number of cases in a folder of levels that this version does not know.
     """
 
     version: str
     cases: Mapping[str, Case]
     sizes: Mapping[str, int]
     precision: Precision | None = None
+    unknown: Mapping[str, int] = field(default_factory=dict)
+
+    @property
+    def sentences(self) -> list[str]:
+        """What cannot be asked of the kit."""
+        return [
+            f"Left out: {counted(n, 'case')} of level {level!r}, which this version of solidtouch does not know."
+            for level, n in self.unknown.items()
+        ]
 
     def select(self, names: Sequence[str] = (), levels: Sequence[str] = ()) -> list[Case]:
         """The cases of these names and levels, or all where neither is given.

@@ -318,7 +318,9 @@ def _report(
     asked_levels = levels or (() if names else BASIC)
     chosen = kit.select(names, asked_levels)
     if not chosen:
-        held = ", ".join(dict.fromkeys(case.level for case in kit.cases.values())) or "none"
+        held = (
+            ", ".join(dict.fromkeys([*(case.level for case in kit.cases.values()), *map(repr, kit.unknown)])) or "none"
+        )
         raise InputError(f"kit {folder}: no case of level {', '.join(asked_levels)}; its levels are {held}.")
     found = work(chosen)  # a program that is not there is refused before a bar begins
     verdicts = list(counted(found, progress("Cases", len(chosen))))

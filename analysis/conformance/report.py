@@ -52,9 +52,9 @@ class ConformanceReport(Report):
 
     @property
     def sentences(self) -> list[str]:
-        """The likely causes, the number of cases that pass, and the levels that do."""
+        """The likely causes, the number of cases that pass, what of the kit is not known, and the levels that pass."""
         claim = level_sentence(self.kit.version, [*self.levels.values()], self.precision, self.without)
-        return [*summary([*self.found.values()])[0], claim]
+        return [*summary([*self.found.values()])[0], *self.kit.sentences, claim]
 
     @cached_property
     def levels(self) -> Mapping[str, LevelResult]:

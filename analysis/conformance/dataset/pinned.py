@@ -139,19 +139,14 @@ def read_kit(folder: str | Path) -> Kit:
             f"kit {folder}: {INDEX} is not of format {FORMAT}: kit is not a version such as {KIT_VERSION}."
         )
     entries = [*index.cases, *index.left_out]
-    for entry in entries:
-        if entry.level not in LEVELS:
-            raise InputError(
-                f"kit {folder}: kit {index.kit} has level {entry.level!r}, which this version of solidtouch does not "
-                "know; a newer one does."
-            )
     if index.left_out and index.precision != "single":
         raise InputError(f"kit {folder}: {INDEX} is not of format {FORMAT}: double precision leaves no case out.")
     held = Counter(entry.level for entry in entries)
     if short := [level for level in held if index.levels.get(level, 0) < held[level]]:
-        raise InputError(f"kit {folder}: {INDEX} is not of format {FORMAT}: levels has too few cases of {short[0]}.")
+        raise InputError(f"kit {folder}: {INDEX} is not of format {FORMAT}: levels has too few cases of {short[0]!r}.")
+    unknown = {level: n for level, n in held.items() if level not in LEVELS}
     cases: dict[str, Case] = {}
-    for entry in entries:
+    for entry in (entry for entry in entries if entry.level not in unknown):
         case = _absent(folder, entry) if isinstance(entry, _LeftOut) else _case(folder, f"{entry.case}.json", names)
         if case.name in cases or case.level != entry.level:
             said = "it is listed twice" if case.name in cases else f"its file has level {case.level!r}"
@@ -159,7 +154,7 @@ def read_kit(folder: str | Path) -> Kit:
         cases[case.name] = case
     if index.kit == KIT_VERSION:
         _check_own(folder, index, cases)
-    return Kit(index.kit, cases, index.levels, index.precision)
+    return Kit(index.kit, cases, index.levels, index.precision, unknown)
 
 
 def _check_own(folder: Path, index: _Index, cases: Mapping[str, Case]) -> None:
@@ -168,9 +163,9 @@ def _check_own(folder: Path, index: _Index, cases: Mapping[str, Case]) -> None:
         if not is_own(case, index.precision):
             wrong = f"{INDEX} leaves {name} out, unlike" if case.absent else f"{name}.json is not the case of"
             raise InputError(f"kit {folder}: {wrong} kit {KIT_VERSION}.")
-    if (sizes := frozen_sizes()) != index.levels:
-        level = next(level for level in LEVELS if sizes[level] != index.levels.get(level))
-        raise InputError(f"kit {folder}: {INDEX} has another number of cases of {level} than kit {KIT_VERSION}.")
+    sizes = frozen_sizes()
+    if wrong := [level for level in {**sizes, **index.levels} if sizes.get(level) != index.levels.get(level)]:
+        raise InputError(f"kit {folder}: {INDEX} has another number of cases of {wrong[0]!r} than kit {KIT_VERSION}.")
 
 
 def _decoded[T](folder: Path, name: str, names: set[str], kind: type[T]) -> T:
