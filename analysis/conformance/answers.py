@@ -105,6 +105,8 @@ def parse_answer(line: str, case: Case) -> Answer:
     except _NoNumberError as error:
         raise BadAnswerError(f"is not JSON, which has no {error}; minus infinity is null: {_shown(line)}") from None
     except json.JSONDecodeError as error:
+        if 3 * line.count("\0") > len(line) and ('"\0' in line or '\0"' in line):  # every other byte of plain letters
+            raise BadAnswerError("is UTF-16, not UTF-8") from None
         if not line[error.pos :].strip():
             raise BadAnswerError(f"ends within an object, which must be on one line: {_shown(line)}") from None
         place = f" from character {error.pos + 1} on" if error.pos else ""

@@ -19,7 +19,7 @@ from .catalogue import expected
 from .program import Ended, check_command, printable, read_answers, run_program
 from .tolerance import Precision, tolerances
 from .trials import trial_difference
-from .verdict import Verdict, judge, judge_broken, judge_output, left_out
+from .verdict import Verdict, judge, judge_broken, judge_output, left_out, misplaced
 
 _CASE = re.compile(rb'"case"[ \t]*:[ \t]*"[^"\n]*"')
 
@@ -111,7 +111,7 @@ def _called(implementation: Implementation, case: Case, asked: Asked) -> Verdict
                 answers.append(given_answer(given, case, tap))
                 if answers[-1].tap != tap:
                     answer = answers.pop()
-                    broken = f"answers tap {answer.tap}, where tap {tap} is due"
+                    broken = misplaced(case, answer.tap, tap)
                     break
         else:
             broken = f"returns {type(made).__name__}, where an answer to each tap is due"

@@ -142,10 +142,17 @@ def _read(case: Case, lines: Iterable[tuple[int, str]]) -> tuple[list[Answer], s
             answer = parse_answer(line, case)
         except BadAnswerError as error:
             return answers, f"writes line {number}, which {error}"
-        if answer.tap != first + len(answers):
-            return answers, f"answers tap {answer.tap} in line {number}, where tap {first + len(answers)} is due"
+        if answer.tap != (due := first + len(answers)):
+            return answers, misplaced(case, answer.tap, due, f" in line {number}")
         answers.append(answer)
     return answers, ""
+
+
+def misplaced(case: Case, tap: int, due: int, place: str = "") -> str:
+    """What is wrong with an answer to another tap than the one due, as the end of a sentence that begins with "it"."""
+    if due > len(case.taps):
+        return f"gives more answers than taps, another to tap {tap}{place}"
+    return f"answers tap {tap}{place}, where tap {due} is due"
 
 
 def _count_differs(case: Case, right: Sequence[Answer], answers: Sequence[Answer]) -> Difference | None:

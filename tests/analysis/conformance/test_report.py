@@ -29,6 +29,11 @@ def changed(**values):
     return implementation
 
 
+def one_more(case):
+    answers = st.conformance.expected(case.name)
+    return [*answers, answers[-1]]
+
+
 def verdict(implementation, name="root-j"):
     return st.conformance.run(implementation, [name]).found[name]
 
@@ -126,6 +131,7 @@ def test_a_mistake_is_found_and_named():
         (changed(where=[1, 2]), "it gives an answer to tap 2 that has where of shape [2], [5] is due"),
         (changed(move="up"), "it gives an answer to tap 2 that has move 'up', which is text, not a whole number"),
         (changed(move=object), "which is not a whole number"),
+        (one_more, "it gives more answers than taps, another to tap 4 after 4 answers"),
         (changed(tap=4), "it answers tap 4, where tap 2 is due after 1 answer"),
         (changed(case="other"), "it gives an answer to tap 2 that is about case 'other' instead of"),
         (lambda case: [*right(case)][:2], "there is no answer"),

@@ -123,6 +123,14 @@ def test_an_error_of_a_program_does_not_paint_on_a_terminal_nor_break_a_report()
 LINES = output(CASE).splitlines(keepends=True)
 
 
+@pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be"])
+def test_output_in_utf_16_is_named_as_such(encoding):
+    """As PowerShell's > writes it."""
+    verdict = judge_output(CASE, Ended("".join(LINES).replace("\n", "\r\n").encode(encoding), ""), "double")
+
+    assert verdict.sentence == "it writes line 1, which is UTF-16, not UTF-8"
+
+
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
@@ -131,6 +139,10 @@ LINES = output(CASE).splitlines(keepends=True)
         ("hello\n", "writes line 1, which is not JSON: 'hello'"),
         ("".join(LINES[:3]) + "[1]\n", "writes line 4, which is not a JSON object: '[1]' after 3 answers"),
         ("".join(LINES[:2]) + "".join(LINES[3:]), "answers tap 4 in line 3, where tap 3 is due"),
+        (
+            "".join([*LINES, LINES[-1]]),
+            "it gives more answers than taps, another to tap 12 in line 13 after 12 answers",
+        ),
         (LINES[0] + LINES[0], "answers tap 1 in line 2, where tap 2 is due"),
         (LINES[0].replace("episode-clamp", "other"), "is about case 'other' instead of 'episode-clamp'"),
         (LINES[0].replace('"case"', '"name"'), "does not name its case, 'episode-clamp'"),
