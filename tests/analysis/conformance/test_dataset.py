@@ -69,7 +69,7 @@ def test_fingerprints_are_those_of_the_cases(exported, tmp_path, monkeypatch):
     old = path.read_text().splitlines()
 
     assert path.read_text() == text, (
-        f"{path.name} of the kit takes these lines, those of its old cases without a new major version never:\n"
+        f"{path.relative_to(ROOT)} must have these lines; a change of an old case takes a new major version:\n"
         + "\n".join(line for line in text.splitlines() if line not in old)
     )
 
