@@ -8,7 +8,7 @@ from pathlib import Path
 from ....models.errors import InputError
 
 SUMS = "SHA256SUMS"
-_LINE = re.compile(r"([0-9a-f]{64})  (\.?[A-Za-z0-9][A-Za-z0-9._-]*)")
+_LINE = re.compile(r"([0-9a-f]{64})  ([A-Za-z0-9][A-Za-z0-9._-]*)")
 
 
 def sha256(path: Path) -> str:
@@ -25,8 +25,8 @@ def _check_regular(path: Path) -> None:
 
 
 def write_sums(folder: Path) -> None:
-    """Writes the checksums of all files of a folder into it."""
-    lines = [f"{sha256(path)}  {path.name}\n" for path in sorted(folder.iterdir())]
+    """Writes the checksums of all files of a folder into it, but of hidden ones, which copies often lack."""
+    lines = [f"{sha256(path)}  {path.name}\n" for path in sorted(folder.glob("[!.]*"))]
     (folder / SUMS).write_text("".join(lines), encoding="ascii", newline="\n")
 
 

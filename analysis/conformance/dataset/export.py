@@ -21,7 +21,6 @@ from .descriptions import CRATE, CROISSANT, KitFile, croissant, ro_crate
 from .version import LICENSE, RELEASED, provenance
 
 _CONVENTIONS = {"format": FORMAT, "index_base": 0, "numbers": "IEEE 754 binary64", "logarithms": "natural"}
-ATTRIBUTES = ".gitattributes"
 _LARGE = 200_000  # bytes of a case above which it comes as NPZ too
 STATIC = {
     "README.md": "What the files are",
@@ -73,7 +72,7 @@ def export_kit(
         _write(temporary / "index.json", json.dumps(_index(kit, precision, entries, left_out), indent=1))
         for name in STATIC:
             (temporary / name).write_bytes(files(__package__).joinpath(name).read_bytes())
-        _write(temporary / ATTRIBUTES, "* -text")
+        _write(temporary / ".gitattributes", "* -text")
         _describe(temporary, entries)
         write_sums(temporary)
     return len(entries)
@@ -105,11 +104,7 @@ def _index(
 
 def _describe(folder: Path, entries: list[dict[str, Any]]) -> None:
     """Writes the descriptions of all files."""
-    held = {
-        "index.json": "Version of the kit, levels, and the cases with their files",
-        **STATIC,
-        ATTRIBUTES: "Keeps git from changing line ends",
-    }
+    held = {"index.json": "Version of the kit, levels, and the cases with their files", **STATIC}
     kinds = {".json": "{} With its exact answers", ".jsonl": "{} Lines that a program reads", ".npz": "{} Arrays"}
     for entry in entries:
         held |= {name: kinds[Path(name).suffix].format(entry["about"]) for name in entry["files"]}

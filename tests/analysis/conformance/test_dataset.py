@@ -96,11 +96,14 @@ def test_an_export_has_the_same_bytes_each_time(tmp_path, monkeypatch):
         assert {entry.compress_type for entry in arrays.infolist()} == {0}
 
 
+HIDDEN = ".gitattributes"
+
+
 def test_checksums_are_those_of_all_files(exported):
     """As `sha256sum -c` reads them, where it is installed."""
     lines = [line.split("  ") for line in (exported / "SHA256SUMS").read_text().splitlines()]
 
-    assert {name for _, name in lines} == {path.name for path in exported.iterdir()} - {"SHA256SUMS"}
+    assert {name for _, name in lines} == {path.name for path in exported.iterdir()} - {"SHA256SUMS", HIDDEN}
     assert all(hashlib.sha256((exported / name).read_bytes()).hexdigest() == right for right, name in lines)
     if tool := shutil.which("sha256sum"):
         subprocess.run([tool, "--check", "--quiet", "--strict", "SHA256SUMS"], cwd=exported, check=True)
@@ -161,7 +164,7 @@ def test_the_description_is_an_ro_crate(exported):
     assert root["description"]
     assert (root["version"], root["datePublished"], root["license"]) == (KIT_VERSION, RELEASED, {"@id": CC0})
     parts = {part["@id"] for part in root["hasPart"]}
-    assert parts == {path.name for path in exported.iterdir()} - {"SHA256SUMS", "ro-crate-metadata.json"}
+    assert parts == {path.name for path in exported.iterdir()} - {"SHA256SUMS", HIDDEN, "ro-crate-metadata.json"}
     for part in parts:
         assert graph[part]["@type"] == "File"
         assert graph[part]["contentSize"] == str((exported / part).stat().st_size)
@@ -196,6 +199,7 @@ def test_the_description_is_croissant(exported):
     assert {"name", "description", "url", "creator", "keywords", "citeAs"} <= set(whole)
     assert set(files) == {path.name for path in exported.iterdir()} - {
         "SHA256SUMS",
+        HIDDEN,
         "croissant.json",
         "ro-crate-metadata.json",
     }
