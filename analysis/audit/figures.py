@@ -23,7 +23,7 @@ from ..page.figure_sizes import TWO_COLUMNS, key, new_figure
 from ..page.figure_style import ACTIVE, DECIDED, MOST_FACTOR, OTHERS, TRUE, axis_label, label_panel, short, styled
 from .leakage.run import Leakage
 from .remedy_scores import Scored
-from .variance.causes import first_cause, is_cause, part_words, seen
+from .variance.causes import first_cause, is_cause, part_words, seen, sure_causes
 
 type Interval = tuple[float | None, float | None, float | None]
 """An estimate with the ends of its interval; `None`, NaN or infinite where there is none."""
@@ -45,28 +45,30 @@ _SPAN = 300.0  # from the least to the largest factor that the axis holds
 
 
 @styled
-def causes(split: xr.Dataset, named: str | None = None) -> Figure | None:
+def causes(split: xr.Dataset, named: str | None = None, without: Sequence[str] = ()) -> Figure | None:
     """Shares of the variance of evidence by cause, the largest on top, the main cause in orange.
 
     Args:
         split: From `causes.split_variance`.
         named: The cause that is marked, by default that of `causes.first_cause`; an empty name marks none.
+        without: Causes that other tests do not support.
     """
     if not np.isfinite(split["share"].values).any():
         return None
     figure, axes = new_figure(TWO_COLUMNS, 0.95 + 1.35 * _ROW * split.sizes["part"], of_text=True)
-    plot_causes(axes[0, 0], split, first_cause(split.fillna(0.0)) if named is None else named)
+    known = split.fillna(0.0)
+    plot_causes(axes[0, 0], split, first_cause(known, without) if named is None else named, sure_causes(known, without))
     _cause_key(figure, axes[0, 0])
     return figure
 
 
-def seen_causes(split: xr.Dataset, named: str) -> Figure | None:
+def seen_causes(split: xr.Dataset, named: str, without: Sequence[str]) -> Figure | None:
     """`causes` without the numbers of parts that these taps cannot show."""
-    return causes(seen(split), named)
+    return causes(seen(split), named, without)
 
 
-def plot_causes(axes: Axes, split: xr.Dataset, named: str | None) -> Axes:
-    """Draws a bar with its interval for each part; pale if not significant, last if not estimable."""
+def plot_causes(axes: Axes, split: xr.Dataset, named: str | None, sure: Sequence[str]) -> Axes:
+    """Draws a bar with its interval for each part; pale for causes that are not sure, last if not estimable."""
     order = np.argsort(-np.nan_to_num(split["share"].values, nan=-np.inf), kind="stable")
     split = split.isel(part=order)
     parts = [str(part) for part in split["part"].values]
@@ -76,7 +78,7 @@ def plot_causes(axes: Axes, split: xr.Dataset, named: str | None) -> Axes:
         if not np.isfinite(share[i]):
             axes.annotate("not estimable", (0, i), xytext=(4, 0), textcoords="offset points", va="center")
             continue
-        there = "there" if split["share_sure"].values[i] > 0 else "perhaps"
+        there = "there" if part in sure else "perhaps"
         kind = "other" if not is_cause(part) else "first" if part == named else there
         axes.barh(
             i, share[i], height=0.7, color=_BAR_COLOURS[kind], hatch=_HATCH.get(kind), edgecolor="white", linewidth=0
@@ -420,7 +422,7 @@ def _map_key(figure: Figure, dependence: xr.Dataset) -> None:
 
 def _cause_key(figure: Figure, axes: Axes) -> None:
     """Names the colours of bars that are there."""
-    words = {"first": "main cause", "there": "cause", "perhaps": "not significant", "other": "not a cause"}
+    words = {"first": "main cause", "there": "cause", "perhaps": "not significant or below 5%", "other": "not a cause"}
     seen = {patch.get_facecolor() for patch in axes.patches}
     keys = [
         Patch(facecolor=_BAR_COLOURS[kind], hatch=_HATCH.get(kind), edgecolor="white", linewidth=0, label=word)

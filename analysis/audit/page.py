@@ -1,6 +1,6 @@
 """Page of an audit: the verdict, where the model fails, what that costs, and remedies."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -9,10 +9,10 @@ from ..page.numbers import factor, interval, number, percent
 from ..page.page import Block, Brief, Cautions, Listing, Note, Page, Picture, Row, Section, Table, Verbatim
 from .page_evidence import evidence_blocks, triple
 from .run import Audit
-from .verdict import shown_cause
+from .verdict import shown_cause, unsupported_causes
 
 if TYPE_CHECKING:
-    import xarray as xr
+    from matplotlib.figure import Figure
 
     from . import figures, figures_checks, figures_reliability
 else:  # they load matplotlib
@@ -50,8 +50,9 @@ def _causes(audit: Audit, summary: Row) -> Iterator[Block]:
     evidence = summary["first_cause"]["evidence"]
     variance = evidence["variance"]
     if audit.split is not None and variance is not None and variance["classes"]:
-        cause = shown_cause(audit.leakage, audit.split, audit.session_p)
-        yield from _variance(audit.split, variance, cause, narrow=not audit.preview)
+        named = shown_cause(audit.leakage, audit.split, audit.session_p)
+        drawn = partial(figures.seen_causes, audit.split, named, unsupported_causes(audit.split, audit.session_p))
+        yield from _variance(drawn, variance, narrow=not audit.preview)
     else:
         yield (
             "The variance of the evidence cannot be decomposed: "
@@ -59,14 +60,14 @@ def _causes(audit: Audit, summary: Row) -> Iterator[Block]:
         )
 
 
-def _variance(split: "xr.Dataset", variance: Row, cause: str, *, narrow: bool) -> Iterator[Block]:
+def _variance(drawn: Callable[[], "Figure | None"], variance: Row, *, narrow: bool) -> Iterator[Block]:
     yield Picture(
         "causes",
         "Causes of the variance of the evidence",
         f"Shares of the variance of the evidence of {variance['taps']} taps of one class and session, with 95% "
-        "intervals over classes; pale bars are not significant. Shares are differences of estimates, so they may lie "
-        "below 0 or above 1.",
-        partial(figures.seen_causes, split, cause),
+        "intervals over classes; pale bars are not significant at 99%, as the verdict requires, or below 5%. "
+        "Shares are differences of estimates, so they may lie below 0 or above 1.",
+        drawn,
         narrow=narrow,
     )
     said = (

@@ -45,7 +45,7 @@ from .variance.causes import SEQUENCE, split_variance
 from .variance.gains import Components, variance_components
 from .variance.split import session_p
 from .variance.suspects import Suspect, named_suspects
-from .verdict import NOT_ENOUGH, calibration, shown_cause
+from .verdict import NOT_ENOUGH, calibration, shown_cause, unsupported_causes
 
 if TYPE_CHECKING:
     from . import figures, figures_checks, figures_reliability
@@ -282,7 +282,8 @@ def _figures_of_causes(
     split, _, p = found
     if split is None:
         return ()
-    return for_all_widths(partial(figures.seen_causes, split, shown_cause(leaks, split, p)), not settings.preview)
+    drawn = partial(figures.seen_causes, split, shown_cause(leaks, split, p), unsupported_causes(split, p))
+    return for_all_widths(drawn, not settings.preview)
 
 
 def _enough(base: Remedy, measured: Measured, settings: AuditSettings, clock: StageClock) -> list[Detectable]:

@@ -123,10 +123,10 @@ def shown_cause(leakage: Leakage, split: xr.Dataset | None, session_p: float) ->
     """The part of the variance that is the main cause; empty where none is."""
     if leakage.explained or split is None:
         return ""
-    return largest_cause(split, _unsupported(split, session_p)) or ""
+    return largest_cause(split, unsupported_causes(split, session_p)) or ""
 
 
-def _unsupported(split: xr.Dataset, session_p: float) -> list[str]:
+def unsupported_causes(split: xr.Dataset, session_p: float) -> list[str]:
     """Causes that have a test of their own which does not reject."""
     tested = {"session": session_p, str(split.attrs["covariate"]): float(split.attrs["covariate_p"])}
     suspects = zip(split.attrs["suspects"], split.attrs["suspect_p"], strict=True)

@@ -186,9 +186,14 @@ def _causes(split: xr.Dataset) -> list[str]:
 
 
 def first_cause(split: xr.Dataset, without: Sequence[str] = (), least_share: float = LEAST_SHARE) -> str | None:
-    """The cause with the largest share of the variance, of those that are surely there; `None` where none is.
+    """The first of `sure_causes`, which has the same arguments; `None` where there is none."""
+    return next(iter(sure_causes(split, without, least_share)), None)
 
-    With fewer classes than `FEWEST_CLASSES` only sessions are named, which a test of their own supports.
+
+def sure_causes(split: xr.Dataset, without: Sequence[str] = (), least_share: float = LEAST_SHARE) -> list[str]:
+    """Causes that are surely there, by their share of the variance, the largest first; none where shares are unknown.
+
+    With fewer classes than `FEWEST_CLASSES` only sessions can be among them, which a test of their own supports.
 
     Args:
         split: From `split_variance`.
@@ -196,15 +201,13 @@ def first_cause(split: xr.Dataset, without: Sequence[str] = (), least_share: flo
         least_share: Share below which a cause does not matter.
     """
     if not tells(split):
-        return None
+        return []
     few = split.attrs["classes"] < FEWEST_CLASSES
     names = [name for name in _causes(split) if name not in without and (name == "session" or not few)]
-    if not names:
-        return None
-    causes = split.sel(part=names)
-    share = np.where(causes["share_sure"] > 0, causes["share"], -np.inf)
-    largest = int(share.argmax())
-    return names[largest] if share[largest] >= least_share else None
+    share, sure = (dict(zip(names, split[of].sel(part=names).values, strict=True)) for of in ("share", "share_sure"))
+    return sorted(
+        (name for name in names if sure[name] > 0 and share[name] >= least_share), key=lambda name: -share[name]
+    )
 
 
 def _combine(

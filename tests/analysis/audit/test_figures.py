@@ -47,7 +47,7 @@ def test_causes_stand_in_the_order_of_their_shares():
     assert [text.get_text() for text in figure.legends[0].get_texts()] == [
         "main cause",
         "cause",
-        "not significant",
+        "not significant or below 5%",
         "not a cause",
     ]
 
@@ -60,6 +60,22 @@ def test_another_cause_can_be_named(named, orange):
 
     assert len(marked) == orange
     assert [bar.get_width() for bar in marked] == pytest.approx([30.0 if named else 50.0] * orange)
+
+
+def test_what_the_verdict_does_not_call_a_cause_is_pale():
+    """Sessions that their test does not support, what is below 5%, and all where shares are unknown or classes few."""
+
+    def causes_of(split, **known):
+        (axes,) = figures.causes(split, "", **known).axes
+        return [round(bar.get_width()) for bar in axes.patches if to_hex(bar.get_facecolor()) == TRUE]
+
+    split = split_of(session=0.65, noise=0.3, gain=0.04)
+    split["share_sure"] = split["share"] - 0.01
+
+    assert causes_of(split) == [65, 30]
+    assert causes_of(split, without=["session"]) == [30]
+    assert causes_of(split.assign_attrs(classes=3)) == [65]
+    assert causes_of(split.assign(share_high=split["share"] + 2)) == []
 
 
 def test_a_cause_that_cannot_be_told_is_last_and_says_so():

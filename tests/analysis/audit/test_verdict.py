@@ -15,6 +15,7 @@ from solidtouch.analysis.audit.verdict import (
     first_cause,
     ranking,
     recommended,
+    unsupported_causes,
     verdict,
     worthwhile,
 )
@@ -203,6 +204,13 @@ def test_what_is_named_first(arguments, name):
         assert cause.sentence.startswith("Offsets tell all. Record the classes in random order")
     elif name in CAUSES:
         assert cause.sentence.startswith(f"Main cause of dependence: {CAUSES[name]}. It accounts for ")
+
+
+def test_causes_whose_own_test_does_not_reject_are_unsupported():
+    parts = split(covariate_p=0.02, suspects=[("grip", 0.001, 0.1), ("warmth", 0.02, 0.1), ("speed", np.nan, 0.1)])
+
+    assert unsupported_causes(parts, 0.048) == ["session", "order", "covariate warmth", "covariate speed"]
+    assert unsupported_causes(split(), 0.01) == []
 
 
 def test_the_sentence_of_a_cause_has_its_numbers():
