@@ -27,11 +27,12 @@ def threshold_table(found: Tuning) -> Table:
     """Error, taps and cost at some of the thresholds, the chosen one among them."""
     choice = found.threshold
     shown = np.linspace(0, len(choice.theta) - 1, min(_ROWS, len(choice.theta))).round().astype(int)
+    shown = np.union1d(shown, [found.chosen])
     some = f", {len(shown)} of {len(choice.theta)} tried" * (len(shown) < len(choice.theta))
     between = "95% interval"
     columns = ("threshold", f"error ({unit_of(found)})", between, "taps", between, "cost (taps)", between, "")
     rows = []
-    for h in np.union1d(shown, [found.chosen]).tolist():
+    for h in shown.tolist():
         mark = "chosen" if h == found.chosen else "not worse" if choice.alike[h] and found.reachable is None else ""
         numbers = (*_estimate(choice.error, h), *_estimate(choice.taps, h), *_estimate(choice.cost, h))
         rows.append([shown_threshold(float(choice.theta[h])), *numbers, mark])

@@ -165,11 +165,12 @@ def _about_fixation(found: Tuning) -> str:
     if choice.chosen == choice.best:
         others = {1: "no other is", 2: "one other is"}.get(alike, f"{alike - 1} others are")
         return f"{told}, the lowest of all; {others} within one standard error of it."
-    return (
-        f"{told}, {_interval(choice.excess, choice.chosen)} more than the lowest error, at "
-        f"{grid.where_label(choice.best)}; of the {alike} positions within one standard error of the lowest it is the "
-        "nearest to the middle."
+    near = (
+        f"at {grid.where_label(choice.best)}; of the {alike} positions within one standard error of the lowest it is "
     )
+    worse = choice.excess.mean[choice.chosen] > 0
+    more = f"{_interval(choice.excess, choice.chosen)} more than the lowest error, " if worse else "as low as "
+    return f"{told}, {more}{near}the nearest to the middle."
 
 
 def _about_threshold(found: Tuning) -> str:
@@ -179,11 +180,9 @@ def _about_threshold(found: Tuning) -> str:
         f"{_interval(choice.taps, h)} taps"
     )
     if found.reachable is None:
-        alike = choice.theta[choice.alike]
-        first, last = shown_threshold(alike[0]), shown_threshold(alike[-1])
         return (
-            f"{told}, cost {_interval(choice.cost, h)} taps at {found.price.cost_error:g} taps for an error of 1; "
-            f"thresholds between {first} and {last} do not differ significantly in cost."
+            f"{told}, cost {_interval(choice.cost, h)} taps at {found.price.cost_error:g} taps for an error of 1"
+            f"{_alike(choice)}."
         )
     low, high = (ends[h] for ends in prediction_interval(choice.wrong))
     verdict = "is reached" if found.reachable else "is not reached; this threshold has the lowest"
@@ -193,9 +192,25 @@ def _about_threshold(found: Tuning) -> str:
     )
 
 
+def _alike(choice: ThresholdChoice) -> str:
+    """Which thresholds the data cannot tell from the chosen one, to follow its cost."""
+    h, number, tried = choice.chosen, int(choice.alike.sum()), len(choice.theta)
+    if number == 1:
+        return "; all other thresholds cost significantly more" * (tried > 1)
+    apart = np.flatnonzero(~choice.alike)
+    first, last = int(apart[apart < h].max(initial=-1)) + 1, int(apart[apart > h].min(initial=tried)) - 1
+    around = f"thresholds between {shown_threshold(choice.theta[first])} and {shown_threshold(choice.theta[last])}"
+    if last - first + 1 == number:
+        return f"; {around} do not differ significantly in cost"
+    among = f", among them all {around}" * (last > first)
+    return f"; {number} of the {tried} thresholds do not differ significantly in cost{among}"
+
+
 def shown_threshold(theta: float) -> str:
-    """A threshold in so many digits that none below 1 looks like 1, which would never decide."""
-    return next(text for digits in range(4, 18) if (text := f"{theta:.{digits}g}") != "1" or theta == 1)
+    """A threshold in so many digits, at least four, that its distance from 1 is known to a twentieth."""
+    return next(
+        text for digits in range(4, 18) if abs(float(text := f"{theta:.{digits}g}") - theta) <= (1 - theta) / 20
+    )
 
 
 def unit_of(found: Tuning) -> str:

@@ -22,7 +22,16 @@ from ...models.settings import PlaySettings
 from ..moves.control import default_fixation
 from ..trials.records import Farthest, TapTable, TrialPlan, endings, join_plans, plan_trials
 from ..trials.run import run_trials
-from .held_out import Estimate, Floats, Parts, decision_error, excess_over_parts, over_parts, resampled_means
+from .held_out import (
+    Estimate,
+    Floats,
+    Parts,
+    decision_error,
+    excess_over_parts,
+    over_parts,
+    resampled_means,
+    with_unseen,
+)
 
 TRIALS = 1000
 
@@ -92,7 +101,8 @@ def choose_fixation(
 
     errors, *ends, taps = map(np.array, zip(*(played_on(part.table) for part in parts.parts), strict=True))
     resampled = resampled_means(parts, played_on, trials, seed)
-    return choice(errors, taps, tried, parts.grid.L, None if resampled is None else resampled[0], ends)
+    found = choice(errors, taps, tried, parts.grid.L, None if resampled is None else resampled[0], ends)
+    return found._replace(error=with_unseen(found.error, found.taps.mean(axis=0), parts, wrong))
 
 
 def choice(

@@ -26,7 +26,7 @@ from ...models.measurement.model import TapModel
 from ...models.splits import Fold, split
 from ...models.taps import TapSet
 from ..trials.records import TapTable, tap_table
-from ..trials.resampling import spread, too_few
+from ..trials.resampling import spread, too_few, widened
 from ..trials.selections import resampled_pools
 
 type Floats = NDArray[np.float64]
@@ -166,6 +166,22 @@ def excess_over_parts(
         one[:, chosen] = 0.0
     drawn = None if resampled is None else resampled - resampled[:, [chosen]]
     return over_parts(values - values[:, [chosen]], drawn, endings=apart)
+
+
+def with_unseen(error: Estimate, taps: ArrayLike, parts: Parts, wrong: bool) -> Estimate:
+    """Errors with intervals that allow for errors where none occurred, see `resampling.widened`.
+
+    Args:
+        error: Mean errors, each of shape (...).
+        taps: Mean taps of a decision, likewise.
+        parts: Training taps and models that have not seen them.
+        wrong: Whether errors are P(wrong) even where objects have sizes.
+    """
+    sizes = decision_error(parts.grid, *np.indices((parts.grid.M, parts.grid.M)), wrong)
+    least = sizes[sizes > 0].min(initial=sizes.max())
+    decisions = sum(int(part.table.pool.count.sum()) for part in parts.parts) / np.asarray(taps)
+    low, high = widened(error.low, error.high, error.mean, error.mean, decisions, least, np.inf)
+    return error._replace(low=low, high=high)
 
 
 def resampled_means(

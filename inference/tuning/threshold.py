@@ -18,7 +18,16 @@ from ...models.settings import PlaySettings
 from ..moves.control import check_fixation
 from ..trials.records import Farthest, TapTable, endings, plan_trials
 from ..trials.run import run_trials
-from .held_out import Estimate, Floats, Parts, decision_error, excess_over_parts, over_parts, resampled_means
+from .held_out import (
+    Estimate,
+    Floats,
+    Parts,
+    decision_error,
+    excess_over_parts,
+    over_parts,
+    resampled_means,
+    with_unseen,
+)
 
 TRIALS = 4000
 _DEAREST = 1e9  # taps for an error of 1
@@ -115,11 +124,12 @@ def choose_threshold(
     mean = over_parts(cost, cost_drawn, 1.0, costs)
     chosen = int(mean.mean.argmin())
     excess = excess_over_parts(cost, chosen, cost_drawn, costs)
+    reaction = over_parts(taps, taps_drawn, 1.0, times)
     return ThresholdChoice(
         theta,
         missed.mean(axis=-1),
-        over_parts(error, error_drawn, 0.0, errors),
-        over_parts(taps, taps_drawn, 1.0, times),
+        with_unseen(over_parts(error, error_drawn, 0.0, errors), reaction.mean, parts, wrong),
+        reaction,
         mean,
         excess,
         excess.low <= 0,
