@@ -107,8 +107,8 @@ def _method(summary: Row) -> Iterator[Block]:
         "over the posterior (by plug-in parameters for all models if one has no posterior), at power 1. Classes: mean "
         "log belief in the true (position, object) class. Decisions: "
         "mean object error at the longest mean reaction time reached by all models or, if there is none, by most. "
-        "Adjacent ranks may be ties: what counts is the interval of a difference. The best model is compared with "
-        "the second and with the first of --models, the reference of all differences; name another model first to "
+        "Models that are equal but for rounding share a rank. Adjacent ranks may be ties: what counts is the interval "
+        "of a difference. The best model is compared with the second and with the first of --models, the reference of all differences; name another model first to "
         "change it."
     )
     yield _models(summary)

@@ -10,7 +10,7 @@ from ..page.numbers import listed
 from ..page.page import Row
 from .run import Comparison
 
-_ALIKE = 1e-9
+_ALIKE = 1e-9  # relative to values, and to the 1 nat from which log beliefs near 0 are rounded
 
 
 class Criterion(NamedTuple):
@@ -35,9 +35,10 @@ class Criterion(NamedTuple):
     step: dict[str, tuple[float, float]]
 
     def rank(self, name: str) -> int:
-        """Rank of a model: 1 plus the number of better ones; ties share a rank."""
-        sign = 1 if self.larger else -1
-        return 1 + sum(sign * value > sign * self.values[name] for value in self.values.values())
+        """Rank of a model: 1 plus the number of better ones; models that are equal but for rounding share a rank."""
+        sign, values = 1 if self.larger else -1, self.values.values()
+        rounding = _ALIKE * max(float(self.unit.startswith("nat")), *map(abs, values))
+        return 1 + sum(sign * (value - self.values[name]) > rounding for value in values)
 
     @property
     def best(self) -> list[str]:
@@ -107,12 +108,13 @@ def _best_at(ranked: Sequence[Criterion]) -> str:
     always = [name for name in ranked[0].best if all(name in level.best for level in ranked)]
     if always:
         levels_named = "at all levels" if len(ranked) > 1 else f"in {ranked[0].said}"
-        return f"{listed(always)} {'is' if len(always) == 1 else 'are'} best {levels_named}."
-    at: dict[str, list[str]] = {}
+        return f"{listed(always)} {'is' if len(always) == 1 else 'are equally'} best {levels_named}."
+    at: dict[tuple[str, ...], list[str]] = {}
     for level in ranked:
-        at.setdefault(listed(level.best), []).append(level.said)
-    verb = "is" if len(ranked[0].best) == 1 else "are"
-    parts = [f"{names} {f'{verb} best ' * (not number)}in {listed(at[names])}" for number, names in enumerate(at)]
+        at.setdefault(tuple(level.best), []).append(level.said)
+    (first, said), *others = at.items()
+    parts = [f"{listed(first)} {'is' if len(first) == 1 else 'are equally'} best in {listed(said)}"]
+    parts += [f"{listed(names)} {'equally ' * (len(names) > 1)}in {listed(said)}" for names, said in others]
     return f"No model is best at all levels: {'; '.join(parts)}."
 
 

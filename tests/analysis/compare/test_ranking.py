@@ -45,8 +45,28 @@ def test_equal_models_share_the_better_rank():
     assert row["less_second"] == [1.0, None, None]
     assert row["less_reference"] == [2.0, *tied.difference["b"]]
     assert headline([tied], "d") == (
-        "b and c are best in being best at taps. The difference from the second has no interval in being best at taps."
+        "b and c are equally best in being best at taps. The difference from the second has no interval in being best "
+        "at taps."
     )
+
+
+BY_ROUNDING = {
+    "log beliefs near 0": ({"a": -6.16e-14, "b": -1.85e-13, "c": -5.29e-7}, "nat", True, [1, 1, 3]),
+    "log probabilities": ({"a": -253.0, "b": -253.0 - 1e-8, "c": -253.001}, "nat per tap", True, [1, 1, 3]),
+    "errors": ({"a": 0.1 + 0.2, "b": 0.3, "c": 0.31}, "mm", False, [1, 1, 3]),
+    "small errors": ({"a": 3e-12, "b": 2e-12, "c": 1e-12}, "m", False, [3, 2, 1]),
+}
+
+
+@pytest.mark.parametrize(("values", "unit", "larger", "ranks"), BY_ROUNDING.values(), ids=BY_ROUNDING)
+def test_models_that_are_equal_but_for_rounding_share_a_rank(values, unit, larger, ranks):
+    """And the headline says that they are equal."""
+    one = level("it", values, larger=larger)._replace(unit=unit)
+
+    assert [one.rank(name) for name in values] == ranks
+    assert ("a and b are equally best" in headline([one], "c")) == (ranks[:2] == [1, 1])
+    both = headline([level("x", {"c": 1.0, "a": 0.0}), one], "c")
+    assert ("; a and b equally in being best at it." in both) == (ranks[:2] == [1, 1])
 
 
 def test_the_best_is_compared_with_the_second_and_the_reference():
@@ -133,14 +153,14 @@ def test_the_headline_says_where_the_best_may_be_no_better():
         "b is best at all levels. The difference from the second is not significant in being best at y and being best "
         "at z and has no interval in being best at x."
     )
-    assert headline([level("z", {"a": 1.0, "b": 1.0})], "a") == "a and b are best in being best at z."
+    assert headline([level("z", {"a": 1.0, "b": 1.0})], "a") == "a and b are equally best in being best at z."
 
 
 def test_equal_winners_are_named_together_and_a_common_winner_alone():
     tied = level("x", {"a": 1.0, "b": 1.0, "c": 0.0})
     assert headline([tied, TAPS], "a").startswith("b is best at all levels. ")
     assert headline([tied, level("y", {"a": 0.0, "b": 0.0, "c": 1.0})], "a").startswith(
-        "No model is best at all levels: a and b are best in being best at x; c in"
+        "No model is best at all levels: a and b are equally best in being best at x; c in"
     )
 
 
