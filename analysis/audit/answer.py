@@ -1,6 +1,6 @@
 """The verdict of an audit in a few short sentences; `verdict` has it in full."""
 
-from ..page.numbers import bounded, factor, number, percent
+from ..page.numbers import bounded, factor, in_taps, percent
 from ..page.page import Row
 from .verdict import NOT_ENOUGH
 
@@ -54,9 +54,10 @@ def _remedy(summary: Row) -> str:
     said = f"**Recommended remedy: “{chosen}”** ({found['title']})"
     if found["error_change"]:
         change = bounded(*found["error_change"])
+        lower = f" at threshold {remedy['compared_at']:g}" * (remedy["compared_at"] < summary["threshold"])
         said += (
             f", which changes the object error by {change} {summary['units']['what']} at the mean reaction time of the "
-            f"current setting, {number(remedy['reaction_time'])} taps"
+            f"current setting{lower}, {in_taps(remedy['reaction_time'])}"
         )
     kept = summary["verdict"]["sentences"][-1]
     return said + "." + " Beliefs remain overconfident with it." * ("remain overconfident" in kept)

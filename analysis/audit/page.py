@@ -5,7 +5,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from ..page.ahead import later
-from ..page.numbers import factor, interval, number, percent
+from ..page.numbers import factor, in_taps, interval, number, percent
 from ..page.page import Block, Brief, Cautions, Listing, Note, Page, Picture, Row, Section, Table, Verbatim
 from .page_evidence import evidence_blocks, triple
 from .run import Audit
@@ -122,7 +122,7 @@ def _suspect(row: Row) -> str:
 def _remedy(audit: Audit, summary: Row) -> Iterator[Block]:
     remedy, theta = summary["remedy"]["evidence"], summary["threshold"]
     tried = audit.measured
-    yield Brief(_remedies(summary), columns=(0, 1, 3, 6, 7))
+    yield Brief(remedy_table(summary), columns=(0, 1, 3, 6, 7))
     rig, recorded = (
         ("", "") if summary["simulated"] else (" --rig replay:TAPS", " (or the `rig.toml` that recorded them)")
     )
@@ -144,7 +144,7 @@ def _remedy(audit: Audit, summary: Row) -> Iterator[Block]:
     effects = Picture(
         "remedies",
         "Effect of the remedies",
-        f"Gain in log score per tap over {tried.n} taps, change of the error at the same mean reaction time "
+        f"Gain in log score per tap over {in_taps(tried.n)}, change of the error at the same mean reaction time "
         "and miscalibration at the threshold, with 95% intervals of each alone; the table allows for their number.",
         partial(figures.remedies, tried.scores, tried.n, tried.taps, tried.played),
         narrow=not audit.preview,
@@ -170,9 +170,9 @@ def _ranked(remedy: Row, theta: float) -> str:
     return (
         "Each remedy drops one assumption. Models other than the histogram have their own exponent, tuned on the "
         "tuning sessions like the remedy “exponent”, so any gain beyond that remedy is due to the model. Remedies are "
-        f"ranked by the gain in mean log belief in the true object per tap, over {remedy['taps']} taps. Errors are "
+        f"ranked by the gain in mean log belief in the true object per tap, over {in_taps(remedy['taps'])}. Errors are "
         f"compared at the mean reaction time of the current setting{used_up * (remedy['compared_at'] < theta)}, "
-        f"{number(remedy['reaction_time'])} taps, {remedy['policy']}; a dash means that a remedy does not reach this "
+        f"{in_taps(remedy['reaction_time'])}, {remedy['policy']}; a dash means that a remedy does not reach this "
         "reaction time. A remedy is significant if its gain is above zero at a level adjusted for all remedies "
         "together (stricter than the 95% intervals) and its error is not significantly more than a tenth larger. "
         f"{beside}Exponents of other models are not compared, because simulating them takes minutes; "
@@ -180,7 +180,8 @@ def _ranked(remedy: Row, theta: float) -> str:
     )
 
 
-def _remedies(summary: Row) -> Table:
+def remedy_table(summary: Row) -> Table:
+    """Every remedy by its gain, the current setting first."""
     remedy, unit = summary["remedy"]["evidence"], summary["units"]["what"]
     chosen = summary["remedy"]["chosen"]
     error = "P(wrong)" if unit == "P(wrong)" else f"error ({unit})"
@@ -207,7 +208,12 @@ def _remedies(summary: Row) -> Table:
         ]
         for row in (remedy["as_it_is"], *remedy["ranking"])
     ]
-    caption = f"Remedies by gain in log score per tap; errors at {number(remedy['reaction_time'])} taps"
+    caption = f"Remedies by gain in log score per tap; errors at {in_taps(remedy['reaction_time'])}"
+    if remedy["compared_at"] < summary["threshold"]:
+        caption += (
+            f", the mean of the current setting at threshold {remedy['compared_at']:g}; taps and factor at threshold "
+            f"{summary['threshold']:g}"
+        )
     return Table(heads, rows, caption, words={7, 8}, dense=True)
 
 

@@ -5,7 +5,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from ..page.ahead import later
-from ..page.numbers import bounded, factor, interval, number, percent
+from ..page.numbers import bounded, factor, in_taps, interval, number, percent
 from ..page.page import Block, Listing, Picture, Row, Section, Table
 from .run import Audit
 
@@ -217,12 +217,12 @@ def _decisions(cost: Row) -> Table:
 def _lost(summary: Row) -> str:
     less, time = summary["miscalibration"]["evidence"]["lost"], summary["remedy"]["evidence"]["reaction_time"]
     if not less["model"]:
-        return f"No model below has a significantly lower error at the same mean reaction time of {number(time)} taps."
+        return f"No model below has a significantly lower error at the same mean reaction time of {in_taps(time)}."
     more = f", or needs {number(less['taps'], 2)} fewer taps for the same error" if (less["taps"] or 0) > 0 else ""
     return (
         f"The best model below, “{less['model']}”, has an error lower by "
         f"{triple([less['error'], less['low'], less['high']])} {summary['units']['what']} at the same mean reaction "
-        f"time of {number(time)} taps{more}."
+        f"time of {in_taps(time)}{more}."
     )
 
 

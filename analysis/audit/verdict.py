@@ -194,7 +194,8 @@ def verdict(
             "effects."
         )
     elif state == "not enough data to tell":
-        sentences.append("No remedy is recommended: these taps are too few to decide whether one is needed.")
+        few = "No remedy is recommended: these taps are too few to decide whether one is needed."
+        sentences.append(" ".join([few, *_still_gains(measured, titles)]))
     else:
         sentences.append(_unneeded_sentence(measured, titles))
     return sentences
@@ -268,12 +269,16 @@ def _remedy_sentence(score: Scored, measured: Measured, theta: float, title: str
 
 
 def _unneeded_sentence(measured: Measured, titles: Mapping[str, str]) -> str:
-    helps = [score for score in ranking(measured) if worthwhile(measured, score)]
-    if not helps:
-        return "No remedy is needed, and none has a significant gain."
-    best = helps[0]
-    gain = (best.gain or (0.0,))[0] / measured.n
+    more = _still_gains(measured, titles)
     return (
-        f"No remedy is needed. “{best.name}” ({titles[best.name]}) would still gain {number(gain, 2)} nats of log "
-        "score per tap."
+        " ".join(["No remedy is needed.", *more]) if more else "No remedy is needed, and none has a significant gain."
     )
+
+
+def _still_gains(measured: Measured, titles: Mapping[str, str]) -> list[str]:
+    """What the best remedy with a significant gain would give though none is recommended; nothing without one."""
+    best = next((score for score in ranking(measured) if worthwhile(measured, score)), None)
+    if best is None:
+        return []
+    gain = number((best.gain or (0.0,))[0] / measured.n, 2)
+    return [f"“{best.name}” ({titles[best.name]}) would still gain {gain} nats of log score per tap."]

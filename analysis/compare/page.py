@@ -108,8 +108,8 @@ def _method(summary: Row) -> Iterator[Block]:
         "log belief in the true (position, object) class. Decisions: "
         "mean object error at the longest mean reaction time reached by all models or, if there is none, by most. "
         "Models that are equal but for rounding share a rank. Adjacent ranks may be ties: what counts is the interval "
-        "of a difference. The best model is compared with the second and with the first of --models, the reference of all differences; name another model first to "
-        "change it."
+        "of a difference. The best model is compared with the second and with the first of --models, the reference of "
+        "all differences; name another model first to change it."
     )
     yield _models(summary)
 

@@ -30,6 +30,16 @@ def number(value: Any, digits: int = 3) -> str:
     return _signed(f"{value:.0f}" if 1000 <= abs(value) < 1e6 else f"{value:.{digits}g}")
 
 
+def in_taps(value: Any) -> str:
+    """A number of taps, which may be a mean.
+
+    >>> in_taps(3.891), in_taps(1.0)
+    ('3.89 taps', '1 tap')
+    """
+    text = number(value)
+    return f"{text} tap{'s' * (text != '1')}"
+
+
 def percent(value: Any) -> str:
     """A fraction in per cent; a dash where it is missing.
 

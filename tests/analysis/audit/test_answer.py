@@ -2,6 +2,7 @@
 
 import pytest
 from solidtouch.analysis.audit.answer import answer
+from solidtouch.analysis.audit.page import remedy_table
 
 BESIDE = {"median": 1.0, "low": 0.5, "high": 2.0}
 
@@ -32,3 +33,32 @@ def test_calibration_is_a_sentence(judged, words):
 
     assert words in first
     assert others == ["No cause.", "No remedy."]
+
+
+@pytest.mark.parametrize(
+    ("compared_at", "taps", "end"),
+    [
+        (0.9, 3.891, "of the current setting, 3.89 taps."),
+        (0.7, 3.891, "of the current setting at threshold 0.7, 3.89 taps."),
+        (0.9, 1.0, "of the current setting, 1 tap."),
+    ],
+    ids=["as used", "lower", "a single tap"],
+)
+def test_the_reaction_time_of_a_remedy_says_at_which_threshold_it_is(compared_at, taps, end):
+    """If the test taps do not suffice for that in use; the caption of the table says it, too."""
+    row = {"name": "exponent", "title": "what it does", "error_change": [-0.1, -0.2, -0.05], "gain_per_tap": None}
+    row |= {"error": None, "taps": 11.4, "stopped": 1.0, "factor": None, "unbounded": False, "assumes": ""}
+    remedies = {"ranking": [row], "as_it_is": row, "compared_at": compared_at, "reaction_time": taps}
+    judged = {"wrong": 0.1, "factor": [2.0, 1.5, 3.0], "unbounded": False, "beside": BESIDE}
+    summary = {
+        "verdict": {"state": "overconfident", "evidence": {"judged": judged}, "sentences": ["Recommended."]},
+        "first_cause": {"name": None, "sentence": "No cause.", "evidence": {"variance": None}},
+        "remedy": {"chosen": "exponent", "evidence": remedies},
+        "threshold": 0.9,
+        "units": {"what": "mm"},
+    }
+
+    assert answer(summary)[-1].endswith(f" mm at the mean reaction time {end}")
+    caption = remedy_table(summary).caption
+    assert f"errors at {end.split(', ')[-1][:-1]}" in caption
+    assert ("at threshold 0.7; taps and factor at threshold 0.9" in caption) == (compared_at == 0.7)

@@ -266,11 +266,23 @@ WORDS = {
     ),
     "unknown": (
         ((3.0, 0.5, 9.0), WITHIN, {}),
-        ["Too few data to assess the calibration of beliefs:", "No remedy is recommended: these taps are too few"],
+        [
+            "Too few data to assess the calibration of beliefs:",
+            "No remedy is recommended: these taps are too few to decide whether one is needed. “remedy” (what it does) "
+            "would still gain 0.05",
+        ],
+    ),
+    "unknown, nothing helps": (
+        ((3.0, 0.5, 9.0), WITHIN, {"sure": -1.0}),
+        ["Too few data to assess", "No remedy is recommended: these taps are too few to decide whether one is needed."],
     ),
     "no doubt": (
         ((None, None, None), UNTESTED, {}),
-        ["Calibration cannot be assessed:", "No remedy is recommended: these taps are too few"],
+        [
+            "Calibration cannot be assessed:",
+            "No remedy is recommended: these taps are too few to decide whether one is needed. “remedy” (what it does) "
+            "would still gain 0.05",
+        ],
     ),
     "right, though more could be had": (
         ((1.0, 0.7, 1.5), WITHIN, {}),
@@ -299,6 +311,7 @@ def test_the_verdict_in_words(given, words):
     assert first.startswith(words[0])
     assert cause == "The cause."
     assert last.startswith(words[1])
+    assert ("would still gain" in last) == ("would still gain" in words[1])
     if factor[0] is not None:
         assert f"{factor[0]:.1f} ({factor[1]:.1f} to {factor[2]:.1f}) times as often" in first
         assert first.endswith("; a correct model on 20 taps per class gives 1.1 (0.6 to 1.9).")
