@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from ..page.ahead import later
 from ..page.numbers import factor, in_taps, interval, number, percent
 from ..page.page import Block, Brief, Cautions, Listing, Note, Page, Picture, Row, Section, Table, Verbatim
+from .leakage.words import REASSURING
 from .page_evidence import evidence_blocks, triple
 from .run import Audit
 from .verdict import shown_cause, unsupported_causes
@@ -40,10 +41,15 @@ def audit_page(audit: Audit, summary: Row) -> Page:
 def _verdict(summary: Row) -> Iterator[Block]:
     simulated = "The data are simulated."
     yield Brief(Note([*summary["verdict"]["short"], simulated * summary["simulated"]]))
-    judged, leakage = summary["verdict"]["evidence"]["judged"], summary["first_cause"]["evidence"]["leakage"]
-    open_ = [*filter(None, [judged["few"]]), *([] if leakage["judged"] else leakage["sentences"])]
-    yield Brief(Cautions([*open_, *summary["warnings"]]))
+    yield Brief(Cautions(cautions(summary)))
     yield Section("The verdict in full", summary["verdict"]["sentences"], "verdict", folded=True)
+
+
+def cautions(summary: Row) -> list[str]:
+    """What the numbers depend on: of leakage only if it cannot be judged, and then no finding that is a good one."""
+    judged, leakage = summary["verdict"]["evidence"]["judged"], summary["first_cause"]["evidence"]["leakage"]
+    found = [] if leakage["judged"] else [one for one in leakage["sentences"] if one not in REASSURING]
+    return [*filter(None, [judged["few"]]), *found, *summary["warnings"]]
 
 
 def _causes(audit: Audit, summary: Row) -> Iterator[Block]:

@@ -10,6 +10,10 @@ from ...experiment.before_contact import OPTION, Before
 
 BEFORE, OFFSET, WHOLE, TARED = "before contact", "offset", "whole taps", "tared taps"
 UNJUDGED = "cannot be judged"
+_NO_OFFSETS = "The subtracted offsets do not differ between classes."
+_NO_BLOCKS = "Classes were not recorded in blocks."
+REASSURING = (_NO_OFFSETS, _NO_BLOCKS)
+"""Findings that call for no care."""
 
 type Verdict = Literal[
     "yes", "mostly", "partly", "no", "former taps", "nothing to explain", "not enough data", "cannot be judged"
@@ -157,7 +161,7 @@ def _offset_sentences(told: xr.Dataset) -> Iterator[str]:
             "explain its accuracy; they suggest that classes were recorded in blocks or under lasting conditions."
         )
     if not apart:
-        yield "The subtracted offsets do not differ between classes."
+        yield _NO_OFFSETS
 
 
 def _before_sentence(before: Before) -> str:
@@ -182,4 +186,4 @@ def _block_sentences(blocks: dict[str, dict[str, bool]]) -> Iterator[str]:
             listed = f"session{'s' * (len(sessions) > 1)} {', '.join(sessions)}"
             yield f"Recorded in blocks: in {listed} the taps of each {names[name]} are consecutive."
     if not any(found.values()):
-        yield "Classes were not recorded in blocks."
+        yield _NO_BLOCKS

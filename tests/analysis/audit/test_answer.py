@@ -2,7 +2,7 @@
 
 import pytest
 from solidtouch.analysis.audit.answer import answer
-from solidtouch.analysis.audit.page import remedy_table
+from solidtouch.analysis.audit.page import cautions, remedy_table
 
 BESIDE = {"median": 1.0, "low": 0.5, "high": 2.0}
 
@@ -62,3 +62,22 @@ def test_the_reaction_time_of_a_remedy_says_at_which_threshold_it_is(compared_at
     caption = remedy_table(summary).caption
     assert f"errors at {end.split(', ')[-1][:-1]}" in caption
     assert ("at threshold 0.7; taps and factor at threshold 0.9" in caption) == (compared_at == 0.7)
+
+
+def test_only_what_calls_for_care_is_a_warning():
+    """That classes were not recorded in blocks stands with the other findings of leakage."""
+    unjudged, apart = "Leakage cannot be assessed: taps may begin in contact.", "The subtracted offsets differ."
+    good = ["The subtracted offsets do not differ between classes.", "Classes were not recorded in blocks."]
+
+    def warned(judged, *sentences):
+        evidence = {"leakage": {"judged": judged, "sentences": list(sentences)}}
+        return cautions(
+            {
+                "verdict": {"evidence": {"judged": {"few": "Too few taps."}}},
+                "first_cause": {"evidence": evidence},
+                "warnings": ["Some were left out."],
+            }
+        )
+
+    assert warned(False, unjudged, apart, *good) == ["Too few taps.", unjudged, apart, "Some were left out."]
+    assert warned(True, *good) == ["Too few taps.", "Some were left out."]
