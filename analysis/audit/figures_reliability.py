@@ -30,6 +30,7 @@ from ..page.figure_style import (
     short,
     styled,
 )
+from ..page.numbers import number
 from ..stats.reliability import EVERYTHING, after_contacts, at_stopping
 from ..stats.target_error import COVERAGE, TargetError, prediction_interval
 from .guarantees import PROMISED, USED
@@ -376,6 +377,7 @@ def _threshold_axis(axes: Axes, theta: NDArray[np.float64]) -> None:
     axes.xaxis.set_minor_locator(NullLocator())
     axes.set_xlim(1.15 * (1 - theta.min()), (1 - theta.max()) / 1.15)
     axes.set_xlabel("belief threshold")
+    axes.fmt_xdata = lambda x: number(1 - x, 6)
 
 
 def _key(figure: Figure, axes: Axes) -> None:

@@ -7,6 +7,7 @@ import pytest
 from slow_cases import slow_but
 from solidtouch.analysis.audit import figures_reliability as figure_reliability
 from solidtouch.analysis.audit.guarantees import guarantees
+from solidtouch.analysis.page.figure_curves import curves_of
 from solidtouch.analysis.page.figure_style import save
 from solidtouch.analysis.stats.reliability import EVERYTHING, reliability
 from solidtouch.analysis.stats.target_error import Curves, TargetError, choose, leave_out, predicted
@@ -174,6 +175,23 @@ def test_the_wrong_fraction_of_each_object_has_a_line():
     np.testing.assert_allclose(lines[EVERYTHING].get_ydata(), np.maximum(stopping.wrong, 1e-4))
     np.testing.assert_allclose(lines["1 − belief"].get_ydata(), stopping.doubt)
     assert axes.get_yticklabels()[0].get_text() == "0.0001 or less"
+
+
+def test_curves_against_the_threshold_are_told_by_the_threshold():
+    """Not by the distance from 1 along which they are drawn."""
+    grid, table = make()
+    data = reliability(table, grid, (0.5, 0.9, 0.99), 0, trials=120, contacts=(), resamples=5)
+    figures = (
+        figure_reliability.reliability_at_stopping(data),
+        figure_reliability.wanted_error(wanted(np.zeros((5, 7)), 0.2)),
+    )
+    stopping, tuning = (
+        {one.label: [point[2] for point in one.points] for panel in curves_of(figure)[:1] for one in panel.series}
+        for figure in figures
+    )
+
+    assert stopping["1 − threshold"] == stopping[EVERYTHING] == ["0.5", "0.9", "0.99"]
+    assert all(float(text) >= 0.5 for texts in tuning.values() for text in texts)
 
 
 @pytest.mark.parametrize(

@@ -111,3 +111,11 @@ def test_points_that_a_panel_cuts_off_are_left_out(axes):
     axes[0].plot([1, 2, 5], [0, 1, 0], label="a")
     axes[0].set(xlim=(0, 2), ylim=(0, 1))
     assert [point[0] for point in told(axes[0].figure)["", "a"]] == ["1", "2"]
+
+
+def test_an_axis_that_shows_another_number_than_it_is_drawn_by_tells_that_one(axes):
+    """As matplotlib does under the pointer."""
+    axes[0].plot(1 - X, X, label="a")
+    axes[0].fmt_xdata = lambda x: f"{1 - x:.3g}"
+
+    assert [point[0] for point in told(axes[0].figure)["", "a"]] == ["0.1", "0.5", "0.9"]
