@@ -122,9 +122,10 @@ class Results:
 
     @cached_property
     def example(self) -> Embedded:
-        """An episode to play on the page."""
+        """An episode to play on the page, with p-values if the model gives them."""
         first, still = self.studies[0], not can_act(self.grid)
-        engine = make_engine("filter", first.model, self.request.settings.play.border)
+        scored = first.model.with_scores(self.request.split.folds[0].train)
+        engine = make_engine("filter", scored, self.request.settings.play.border)
         return example_episode(first, engine, self.request.settings, None if still else self.fixation)
 
     @property

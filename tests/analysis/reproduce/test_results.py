@@ -1,11 +1,16 @@
 """What came out of a run: the threshold up to which the test taps suffice."""
 
+import re
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import xarray as xr
+from solidtouch.analysis.experiment.settings import ExperimentSettings
 from solidtouch.analysis.reproduce.results import Results
+from solidtouch.inference.trials.records import tap_table
+from solidtouch.models.settings import FitSettings
+from solidtouch.models.splits import split
 
 
 @pytest.mark.parametrize(
@@ -28,3 +33,18 @@ def test_fresh_taps_are_shown_where_they_suffice(used_up, selected, theta):
     results = Results(None, (), (), of, None, SimpleNamespace(passive=passive), 0, None)
     assert results.enough == theta
     assert results.used_up == pytest.approx(used_up[-1])
+
+
+@pytest.mark.parametrize(("model", "has_p"), [("histogram", True), ("gaussian", False)])
+def test_the_example_has_p_values_where_the_model_gives_them(make_taps, model, has_p):
+    """As `perceive` prints them for such a model."""
+    taps = make_taps(sessions=2, repeats=10)
+    settings = ExperimentSettings(model=model, fit=FitSettings(bins=12))
+    (fold,) = split(taps, taps.grid(), "sessions").folds
+    fitted = settings.fitted(fold.train, taps.grid())
+    first = SimpleNamespace(name="taps", model=fitted, test=fold.test, table=tap_table(fitted, fold.test))
+    request = SimpleNamespace(settings=settings, split=SimpleNamespace(folds=(fold,)))
+    shown = str(Results(request, taps.grid(), (), [first], None, None, 1, None).example.html)
+
+    assert ('"p":null' in shown) != has_p
+    assert re.search(r'"p":[\d.]', shown) is not None or not has_p
