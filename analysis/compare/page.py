@@ -96,7 +96,7 @@ def best_models(summary: Row) -> Table:
         f"The best model at each level, with its differences from the second and from {reference}, the first of "
         "--models, and their 95% intervals; none where test taps are too few or a curve ends nearby"
     )
-    return Table(["level", "best", "second", "best − second", f"best − {reference}"], rows, caption)
+    return Table(["level", "best", "second", "best − second", f"best − {reference}"], rows, caption, words={1, 2})
 
 
 def _method(summary: Row) -> Iterator[Block]:

@@ -6,7 +6,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import xarray as xr
+from solidtouch.analysis.compare.page import best_models
 from solidtouch.analysis.compare.ranking import Criterion, best_rows, headline, levels, point_fits, rank_rows
+from solidtouch.analysis.page.page import Brief, Page
+from solidtouch.analysis.page.terminal import as_text
 
 
 def level(title: str, values: dict[str, float], *, larger: bool = True) -> Criterion:
@@ -203,3 +206,16 @@ def test_errors_are_ranked_at_the_longest_time_that_most_models_reach():
     comparison = compared(scores, xr.Dataset(errors, coords))
     assert levels(comparison)[-1].title == "active object error at 5 taps"
     assert levels(comparison)[-1].values == {"a": 0.3, "b": 0.1}
+
+
+def test_the_best_models_are_broken_into_lines_where_the_terminal_is_narrow():
+    """Many names of equal models do not make the table wide; its numbers stay whole."""
+    names = ["profile", "profile-ar", "profile-mvn", "matrix-normal", "smooth"]
+    row = {"title": "passive object error at 1.5 taps", "unit": "mm", "best": names, "value": 0.0, "second": "gaussian"}
+    row |= {"second_value": 0.0086, "less_second": [-0.0086, -0.01, 0.0], "less_reference": [-0.13, -0.27, 0.01]}
+    page = Page("", [Brief(best_models({"reference": "histogram", "best": [row]}))], [])
+    text = as_text(page, 80)
+
+    assert max(map(len, text.splitlines())) < 100
+    assert "−0.13 [−0.27, 0.01]" in text
+    assert all(name in text for name in names)
