@@ -128,6 +128,6 @@ class _Shown:
     def _render(self) -> "RenderableType":
         from rich.console import Group
 
-        from ..analysis.page.terminal import gist
+        from ..analysis.page.terminal import cut_to
 
-        return self._bars if self.report is None else Group(*gist(self.report.page), self._bars)
+        return self._bars if self.report is None else Group(*cut_to(self.report.page, self._live.console), self._bars)

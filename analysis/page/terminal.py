@@ -26,6 +26,20 @@ def show(page: Page, console: Console | None = None) -> None:
         console.print(one, highlight=False, crop=False)
 
 
+def cut_to(page: Page, console: Console) -> Iterator[RenderableType]:
+    """What is brief, for a live view, which ends with the lines of the console: of too wide a table what has room."""
+    for one in gist(page):
+        if isinstance(one, RichTable):
+            number, wide = len(one.columns), console.options.update(width=_WIDEST)
+            while len(one.columns) > 1 and console.measure(one, options=wide).minimum > console.width:
+                one.columns.pop()
+            _fit(one, console)
+            if missing := number - len(one.columns):
+                one.caption_justify = "left"
+                one.caption = f"This terminal is too narrow for {missing} more column{'s' * (missing > 1)}."
+        yield one
+
+
 def _fit(table: RichTable, console: Console) -> None:
     """Narrows a table to the console or, if it has no room there, to its least width; rich narrows it too little."""
     wide = console.options.update(width=_WIDEST)

@@ -6,7 +6,7 @@ import pytest
 from matplotlib.figure import Figure
 from rich.console import Console
 from solidtouch.analysis.page.page import Brief, Cautions, Listing, Note, Page, Picture, Section, Table
-from solidtouch.analysis.page.terminal import show
+from solidtouch.analysis.page.terminal import cut_to, show
 
 
 def printed(page, width=80):
@@ -67,3 +67,20 @@ def test_names_stay_whole_beside_long_headings(width):
     lines = printed(Page("T", [Brief(Table([*head, *head[1:3]], [[*rows[0], *rows[0][1:3]]]))], []), width)
     assert any(line.startswith("matrix-normal ") for line in lines)
     assert all(len(line) <= width for line in lines)
+
+
+@pytest.mark.parametrize(("width", "columns"), [(120, 4), (60, 3), (20, 1)])
+def test_a_live_view_says_which_columns_have_no_room(width, columns):
+    """And breaks its title, where rich would cut both off without a mark."""
+    table = Table(["name", "a", "b", "c"], [["model", *["0.1234 [0.1000, 0.1500]"] * 3]], "A title " * 12)
+    text = io.StringIO()
+    console = Console(file=text, width=width)
+    console.print(*cut_to(Page("T", [Brief(table)], []), console))
+    said = " ".join(text.getvalue().split())
+
+    assert said.count("0.1234 [0.1000, 0.1500]") == columns - 1
+    assert said.count("title") == 12
+    missing = {4: "", 3: "too narrow for 1 more column.", 1: "too narrow for 3 more columns."}[columns]
+    assert said.endswith(missing)
+    assert ("too narrow" in said) == bool(missing)
+    assert max(map(len, text.getvalue().splitlines())) <= width
