@@ -262,6 +262,7 @@ def plot_promises(axes: Axes, data: xr.Dataset) -> Axes:
         axes.plot([], [], "o", color=OTHERS, markerfacecolor=OTHERS if filled else "white", label=label)
     ends = np.stack([data["factor"].values, data["factor_high"].values])
     axes.set_ylim(0.8 * _LOWEST, 2 * float(ends[np.isfinite(ends)].max(initial=1.0)))
+    axes.fmt_xdata = lambda x: number(theta[round(x)], 6)
     axes.yaxis.set_major_formatter(_factor_tick)
     axes.set_xticks(range(len(theta)), [f"{value:g}" for value in theta])
     axes.set_xlabel("belief threshold")

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from ..page.ahead import later
 from ..page.numbers import factor, in_taps, interval, number, percent
@@ -13,8 +13,6 @@ from .run import Audit
 from .verdict import shown_cause, unsupported_causes
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
     from . import figures, figures_checks, figures_reliability
 else:  # they load matplotlib
     figures, figures_checks, figures_reliability = later(
@@ -66,7 +64,7 @@ def _causes(audit: Audit, summary: Row) -> Iterator[Block]:
         )
 
 
-def _variance(drawn: Callable[[], "Figure | None"], variance: Row, *, narrow: bool) -> Iterator[Block]:
+def _variance(drawn: Callable[[], Any], variance: Row, *, narrow: bool) -> Iterator[Block]:
     yield Picture(
         "causes",
         "Causes of the variance of the evidence",

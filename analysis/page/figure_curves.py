@@ -156,7 +156,7 @@ def _points(figure: Figure, axes: Axes, line: Line2D) -> Iterator[CurvePoint]:
     points = np.column_stack([xs[known], ys[known]])
     seen = np.all(np.abs(inside.transform(points) - 0.5) <= _INSIDE, axis=1)
     for i, (x, y) in zip(known[seen].tolist(), shown.transform(points[seen]).tolist(), strict=True):
-        text = told.x[i] if told.x else read(xs[i]) if read else _text(words[0], xs[i], left[i], right[i])
+        text = told.x[i] if told.x else read(float(xs[i])) if read else _text(words[0], xs[i], left[i], right[i])
         name = told.names[i] if told.names else ""
         value = told.y[i] if told.y else _text(words[1], ys[i], low[i], high[i])
         yield round(x, 4), round(1 - y, 4), text, value, name

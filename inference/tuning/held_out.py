@@ -177,7 +177,8 @@ def with_unseen(error: Estimate, taps: ArrayLike, parts: Parts, wrong: bool) -> 
         parts: Training taps and models that have not seen them.
         wrong: Whether errors are P(wrong) even where objects have sizes.
     """
-    sizes = decision_error(parts.grid, *np.indices((parts.grid.M, parts.grid.M)), wrong)
+    decided, true = np.indices((parts.grid.M, parts.grid.M))
+    sizes = decision_error(parts.grid, decided, true, wrong)
     least = sizes[sizes > 0].min(initial=sizes.max())
     decisions = sum(int(part.table.pool.count.sum()) for part in parts.parts) / np.asarray(taps)
     low, high = widened(error.low, error.high, error.mean, error.mean, decisions, least, np.inf)

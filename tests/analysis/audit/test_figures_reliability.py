@@ -192,6 +192,9 @@ def test_curves_against_the_threshold_are_told_by_the_threshold():
 
     assert stopping["1 − threshold"] == stopping[EVERYTHING] == ["0.5", "0.9", "0.99"]
     assert all(float(text) >= 0.5 for texts in tuning.values() for text in texts)
+    promises = guarantees(table, table, grid, (0.5, 0.9), 0, trials=120, resamples=20)
+    (panel, *_) = curves_of(figure_reliability.guarantee_factors(promises))
+    assert {point[2] for one in panel.series for point in one.points} == {"0.5", "0.9"}
 
 
 @pytest.mark.parametrize(
