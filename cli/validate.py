@@ -15,7 +15,7 @@ def validate(
     verbose: Annotated[bool, Option("--verbose", help="Print the duration of each check.")] = False,
     workers: Workers = None,
 ) -> None:
-    """Check this installation against exact answers; half a minute, the first time longer. Exit code 1 if it fails."""
+    """Check this installation against exact answers, in 10 to 20 seconds. Exit code 1 if it fails."""
     with loading():
         from ..analysis.validation.report import validate as study
     from .shared.progress import bars
