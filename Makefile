@@ -188,7 +188,7 @@ citation: $(VENV)/.ready-dev
 
 # Pins every dependency for Python 3.12 to 3.14, on every platform, without addresses.
 lock: $(VENV)/.ready-dev
-	@$(PY) -m uv pip compile pyproject.toml --all-extras --group dev --group docs --group dist --universal --python-version 3.12 --upgrade --quiet \
+	@$(PY) -m uv pip compile pyproject.toml --all-extras --group dev --group dist --universal --python-version 3.12 --upgrade --quiet \
 		--no-header --no-annotate --output-file constraints.txt
 
 clean:
@@ -252,5 +252,5 @@ $(VENV)/.ready-dist: $(VENV)/.ready-dev
 
 $(VENV)/.ready-docs: $(VENV)/.ready-run
 	@echo "Installing what the site needs into $(VENV) ..."
-	@./.ci/install $(VENV) --group docs
+	@./.ci/install $(VENV) -e '.[rig,cluster,docs]'
 	@touch $@

@@ -16,7 +16,7 @@ ELSEWHERE = {
     "benchmarks.site.build": "sphinx",
     "benchmarks.site.notebook": "jupytext",
 }
-"""What needs pymdp, which runs in an environment of its own, or the group `docs`, which `make docs-check` installs."""
+"""What needs pymdp, which runs in an environment of its own, or the extra `docs`, which `make docs-check` installs."""
 
 
 @pytest.mark.parametrize("name", [name.removesuffix(".__init__") for name in MODULES])

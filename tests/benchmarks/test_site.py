@@ -202,7 +202,7 @@ def test_a_notebook_runs_as_a_script(notebook, tmp_path):
 
 @pytest.mark.slow
 def test_the_site_builds_and_asks_nothing_of_the_network(tmp_path):
-    pytest.importorskip("sphinx", reason="the group docs is not installed")
+    pytest.importorskip("sphinx", reason="the extra docs is not installed")
     words = [sys.executable, "-m", "benchmarks.site.build", "--without-notebooks", "--out", tmp_path / "site"]
     subprocess.run(words, cwd=ROOT, check=True)
     loaded = r"<(?:script|img|link|iframe)\b[^>]*\b(?:src|href)=\"(?:https?:)?//[^\"]*\""
