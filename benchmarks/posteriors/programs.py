@@ -2,7 +2,8 @@
 
 python -m benchmarks.posteriors.programs --python PATH --document docs/reference/posteriors/README.md
 
-PATH is a Python with PyMC, h5netcdf and h5py. Without it, or without R and rstan, lines of the table stay as they are.
+PATH is a Python with PyMC, h5netcdf and h5py. Without it, or without R, rstan and jsonlite, lines of the table stay as
+they are.
 """
 
 import shutil
@@ -23,7 +24,7 @@ from benchmarks.study import until_interrupted
 
 FOLDER = Path("docs/reference/posteriors")
 HEAD = ["program", "run by", "verdict", "moments", "largest difference", "limit", "worst R-hat", "least sample size"]
-STAN = 'library(rstan); cat("Stan", stan_version(), "in rstan", format(packageVersion("rstan")))'
+STAN = 'library(rstan); library(jsonlite); cat("Stan", stan_version(), "in rstan", format(packageVersion("rstan")))'
 PYMC = "import h5netcdf, h5py, pymc; print('PyMC', pymc.__version__)"
 MODELS_OF_PYMC = ("profile-ar", "smooth")
 
@@ -69,7 +70,7 @@ def main() -> None:
                 words, draws = [options.python, FOLDER / "sample_pymc.py", model], folder / f"{model}.nc"
                 tasks += [partial(row, f"[sample_pymc.py](sample_pymc.py) {model}", by, words, model, draws)]
         if not tasks:
-            sys.exit("There is neither R with rstan nor, by --python, PyMC.")
+            sys.exit("There is neither R with rstan and jsonlite nor, by --python, PyMC.")
         rows = [*until_interrupted("Programs", tasks)]
     write_rows(options.document, "programs", HEAD, rows)
     for line in rows:

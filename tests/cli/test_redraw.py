@@ -69,7 +69,7 @@ def test_a_redrawn_figure_is_that_of_the_run(name, names, stored, command, tmp_p
 
     assert done.code == 0
     assert set(files) == set(names or report.figures) - {"fig3"}
-    assert ("Without fig3: it shows recorded taps" in done.out) == (name == "reproduction" and not names)
+    assert ("Without fig3: it shows single taps" in done.out) == (name == "reproduction" and not names)
     for figure, svg in files.items():
         assert drawing_of(report.plot(figure)).svg == svg, figure
 
@@ -91,7 +91,7 @@ def test_a_figure_in_another_style_and_format(stored, command, tmp_path):
     ("words", "said"),
     [
         (("fig9",), "the figure 'fig9' cannot be drawn: the file's figures are fig4, "),
-        pytest.param(("fig3",), "the figure 'fig3' cannot be drawn: it shows recorded taps", marks=pytest.mark.slow),
+        (("fig3",), "the figure 'fig3' cannot be drawn: it shows single taps, which the file does not hold."),
     ],
 )
 def test_a_figure_that_cannot_be_drawn_is_named(words, said, stored, command, tmp_path):

@@ -140,7 +140,7 @@ def test_both_covariances_are_found_in_blocks(on_disk, make_taps):
 
 @pytest.mark.parametrize(
     ("name", "repeats", "K", "part"),
-    [("matrix-normal", 20, 20, 0.5), pytest.param("student", 200, 5, 0.9, marks=pytest.mark.slow)],
+    [("matrix-normal", 100, 20, 0.5), pytest.param("student", 200, 5, 0.9, marks=pytest.mark.slow)],
 )
 def test_a_fit_holds_few_blocks_at_a_time(make_taps, tmp_path, monkeypatch, name, repeats, K, part):
     """Peak memory is a fraction of the recording, and the model that of the same recording in memory.

@@ -79,11 +79,9 @@ def test_chains_of_a_story_have_its_exact_moments(name):
 def test_draws_of_stan_have_the_moments_of_the_reference(name, tmp_path):
     """The programs in docs/reference/posteriors, run by rstan."""
     rscript = shutil.which("Rscript")
-    if (
-        rscript is None
-        or subprocess.run([rscript, "-e", "library(rstan)"], capture_output=True, check=False).returncode
-    ):
-        pytest.skip("there is no rstan, the R package of Stan")
+    needed = "library(rstan); library(jsonlite)"
+    if rscript is None or subprocess.run([rscript, "-e", needed], capture_output=True, check=False).returncode:
+        pytest.skip("R with rstan and jsonlite is not installed")
     words = [STAN / "sample.R", STAN / f"{name}.stan", DATA / f"{name}.data.json", tmp_path / "draws.csv"]
     done = subprocess.run([rscript, *words], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
