@@ -173,4 +173,7 @@ addEventListener("afterprint", () => {
   for (const part of opened.splice(0)) part.open = false;
 });
 addEventListener("hashchange", reveal);
+document.addEventListener("click", ({ target }) => {
+  if (target.closest("a")?.hash === location.hash) reveal(); // the same link again changes no hash
+});
 reveal();

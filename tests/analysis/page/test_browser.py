@@ -1,6 +1,5 @@
 """What a page does in a browser: curves, folded parts, dark mode, and room for all widths."""
 
-import shutil
 from functools import partial
 
 import numpy as np
@@ -10,10 +9,12 @@ from solidtouch.analysis.page.figure_style import band, new_figure, styled
 from solidtouch.analysis.page.html import draw_pictures, write_page
 from solidtouch.analysis.page.page import Cautions, Embedded, Note, Page, Picture, Section, SideBySide, Table
 
-webdriver = pytest.importorskip("selenium.webdriver", reason="selenium is not installed")
-CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
-pytestmark = pytest.mark.skipif(not CHROMIUM or not DRIVER, reason="chromium or chromedriver is not installed")
+from benchmarks.browser import PRESENT, chromium, errors, resize
 
+pytest.importorskip("selenium", reason="selenium is not installed")
+pytestmark = pytest.mark.skipif(not PRESENT, reason="chromium or chromedriver is not installed")
+
+SOON_S = 10.0
 X = np.linspace(0.1, 0.9, 9)
 
 
@@ -69,33 +70,19 @@ def report(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def chromium():
-    options = webdriver.ChromeOptions()
-    options.binary_location = CHROMIUM
-    for word in ("--headless", "--no-sandbox", "--disable-gpu"):
-        options.add_argument(word)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    driver = webdriver.Chrome(options, webdriver.ChromeService(DRIVER))
-    yield driver
-    driver.quit()
+def driver():
+    with chromium() as made:
+        yield made
 
 
 @pytest.fixture
-def browser(chromium, report):
+def browser(driver, report):
     """The page, in a window of its own size; nothing may be wrong with it at the end."""
-    media(chromium, light=True)
-    chromium.get("about:blank")
-    chromium.get(report)
-    yield chromium
-    assert chromium.get_log("browser") == []
-
-
-def media(driver, width=1200, light=True, kind=""):
-    """Sets the size of the window, the colour scheme and the medium."""
-    size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": False}
-    driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
-    scheme = [{"name": "prefers-color-scheme", "value": "light" if light else "dark"}]
-    driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": kind, "features": scheme})
+    resize(driver, 1200, 900)
+    driver.get("about:blank")
+    driver.get(report)
+    yield driver
+    assert errors(driver) == []
 
 
 def point_at(browser, x, y):
@@ -142,10 +129,10 @@ def test_curves_are_switched_off_in_the_key(browser):
     assert sum(shown()) == 4
     series = browser.execute_script("return JSON.parse(document.querySelector('figure').dataset.curves)[0].series[0]")
     assert "passive" not in point_at(browser, *series["points"][0][:2])
-    media(browser, kind="print")
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
     assert browser.execute_script("return getComputedStyle(document.querySelector('.drawing')).display") == "none"
     assert browser.find_element("css selector", "img").is_displayed()
-    media(browser)
+    resize(browser, 1200, 900)
     passive.click()
     assert shown() == [True] * 8
 
@@ -193,25 +180,28 @@ def test_the_keyboard_reaches_every_value(browser):
 
 
 def test_links_and_printing_open_folded_parts(browser):
-    """Also those inside of others."""
-    inner = browser.find_element("id", "inner")
-    assert inner.get_attribute("open") is None
-    browser.find_element("link text", "there").click()
-    assert inner.get_attribute("open") is not None
-    assert browser.find_element("id", "figure-fig2").is_displayed()
-    browser.execute_script("for (const part of document.querySelectorAll('details')) part.open = false")
+    """Also those inside of others, and those that were closed again; a browser tells of a new hash when it has time."""
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    inner, link = browser.find_element("id", "inner"), browser.find_element("link text", "there")
+    for _ in range(2):
+        assert inner.get_attribute("open") is None
+        link.click()
+        WebDriverWait(browser, SOON_S, 0.01).until(lambda _: inner.get_attribute("open") is not None)
+        assert browser.find_element("id", "figure-fig2").is_displayed()
+        browser.execute_script("for (const part of document.querySelectorAll('details')) part.open = false")
     browser.execute_script("dispatchEvent(new Event('beforeprint'))")
     assert browser.find_element("id", "figure-fig2").is_displayed()
     browser.execute_script("dispatchEvent(new Event('afterprint'))")
     assert not browser.find_element("id", "figure-fig2").is_displayed()
 
 
-@pytest.mark.parametrize("light", [True, False], ids=["light", "dark"])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
 @pytest.mark.parametrize("width", [420, 900, 1600])
-def test_a_page_has_room_in_every_window(browser, width, light):
+def test_a_page_has_room_in_every_window(browser, width, scheme):
     """It never scrolls sideways, its tables do and fade where they are cut off; figures are on a light card,
     which does not fade."""
-    media(browser, width, light)
+    resize(browser, width, 900, scheme)
     told = browser.execute_async_script(
         "const done = arguments[0]; requestAnimationFrame(() => requestAnimationFrame(() => {"
         "const colour = (name, part) => getComputedStyle(document.querySelector(part))[name];"
@@ -226,14 +216,14 @@ def test_a_page_has_room_in_every_window(browser, width, light):
     assert fits
     assert fades
     assert card == "rgb(255, 255, 255)"
-    assert ("rgb(255, 255, 255)" in page) == light
-    assert (text == "rgb(26, 26, 26)") == light
+    assert ("rgb(255, 255, 255)" in page) == (scheme == "light")
+    assert (text == "rgb(26, 26, 26)") == (scheme == "light")
 
 
 @pytest.mark.parametrize("width", [420, 1600])
 def test_a_narrow_window_has_its_own_picture_and_arrows_where_there_is_more(browser, width):
     """The picture is whole in it; wide tables have an arrow until they are scrolled to their end."""
-    media(browser, width)
+    resize(browser, width, 900)
     whole, drawn_for_it, arrows, at_the_end = browser.execute_async_script(
         "const done = arguments[0], figure = document.querySelector('#figure-fig4');"
         "const image = figure.querySelector('img'), scroll = figure.querySelector('.scroll');"
@@ -253,14 +243,14 @@ def test_a_narrow_window_has_its_own_picture_and_arrows_where_there_is_more(brow
     assert not at_the_end
 
 
-def test_without_script_everything_is_there(chromium, report):
+def test_without_script_everything_is_there(driver, report):
     """Pictures in place of curves, and folded parts that open."""
-    chromium.execute_cdp_cmd("Emulation.setScriptExecutionDisabled", {"value": True})
+    driver.execute_cdp_cmd("Emulation.setScriptExecutionDisabled", {"value": True})
     try:
-        chromium.get(report)
-        assert chromium.find_elements("css selector", ".drawing, .legend") == []
-        assert chromium.find_element("css selector", "img").is_displayed()
-        chromium.find_element("css selector", "#more > summary").click()
-        assert chromium.find_element("css selector", "#inner > summary").is_displayed()
+        driver.get(report)
+        assert driver.find_elements("css selector", ".drawing, .legend") == []
+        assert driver.find_element("css selector", "img").is_displayed()
+        driver.find_element("css selector", "#more > summary").click()
+        assert driver.find_element("css selector", "#inner > summary").is_displayed()
     finally:
-        chromium.execute_cdp_cmd("Emulation.setScriptExecutionDisabled", {"value": False})
+        driver.execute_cdp_cmd("Emulation.setScriptExecutionDisabled", {"value": False})
