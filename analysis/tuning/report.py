@@ -30,7 +30,7 @@ class TuningReport(TunedReport):
 
     def _page(self) -> Page:
         tables = Brief(position_table(self.found)), Brief(threshold_table(self.found))
-        sentences = *self.found.sentences, self.parts.sentence
+        sentences = *self.found.sentences, self.training.repeated.sentence
         return Page("Tuning", [*(Brief(sentence) for sentence in sentences), *tables], [])
 
     @property
@@ -93,7 +93,7 @@ def tune(
     check_objects(training.grid)
     check_price(price, training.sessions)
     note(training.described)
-    parts = training.parts
+    parts = training.repeated
     found = tune_parts(
         parts,
         setting,

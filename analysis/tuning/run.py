@@ -13,7 +13,7 @@ import numpy as np
 
 from ...inference.trials.resampling import USED_UP
 from ...inference.tuning.fixation import FixationChoice, choose_fixation
-from ...inference.tuning.held_out import RESAMPLES, Estimate, Parts
+from ...inference.tuning.held_out import Estimate, Parts
 from ...inference.tuning.threshold import ThresholdChoice, check_cost, choose_threshold
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
@@ -138,8 +138,7 @@ def tune_parts(
 
 def tuning_trials(parts: Parts, trials: int) -> int:
     """At most how many trials `tune_parts` plays."""
-    times = 1 if parts.by_session else 1 + RESAMPLES
-    return times * len(parts.parts) * (parts.grid.L + 1) * trials
+    return parts.played * (parts.grid.L + 1) * trials
 
 
 def check_objects(grid: ClassGrid) -> None:

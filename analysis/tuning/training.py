@@ -7,7 +7,7 @@ from functools import cached_property
 from pathlib import Path
 
 from ...inference.moves.table import learn_table, save_table
-from ...inference.tuning.held_out import Parts, held_out
+from ...inference.tuning.held_out import Parts, held_out, repeated_models, with_repeats
 from ...models.errors import InputError
 from ...models.grid import ClassGrid
 from ...models.io.load import TapSource, names_of
@@ -53,6 +53,14 @@ class TrainingData:
         """All taps, each held out once from its model."""
         stage = self.progress("Fitting models", max(_TWO, self.sessions))
         return held_out(self.taps, self.grid, self.settings.fitted, stage)
+
+    @cached_property
+    def repeated(self) -> Parts:
+        """The same with models of fewer sessions, which intervals of their means need."""
+        if not (models := repeated_models(self.parts)):
+            return self.parts
+        stage = self.progress("Fitting models of fewer sessions", models)
+        return with_repeats(self.parts, self.taps, self.settings.fitted, stage)
 
     @cached_property
     def model(self) -> TapModel:

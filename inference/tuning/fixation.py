@@ -29,7 +29,7 @@ from .held_out import (
     decision_error,
     excess_over_parts,
     over_parts,
-    resampled_means,
+    repeated_means,
     with_unseen,
 )
 
@@ -84,7 +84,7 @@ def choose_fixation(
 
     far = Farthest.on(parts.grid)
 
-    def played_on(table: TapTable, stream: int = 0) -> tuple[NDArray[Any], ...]:
+    def played_on(table: TapTable, stream: int) -> tuple[NDArray[Any], ...]:
         plan = (_passive_plan if play.passive else _active_plan)(table.pool, tried, trials, seed, stream)
         played = run_trials(
             table,
@@ -99,9 +99,10 @@ def choose_fixation(
         errors = [decision_error(parts.grid, end.what[:, 0], plan.what, wrong) for end in ends]
         return tuple(one.reshape(len(tried), trials) for one in (*errors, played.taps))
 
-    errors, *ends, taps = map(np.array, zip(*(played_on(part.table) for part in parts.parts), strict=True))
-    resampled = resampled_means(parts, played_on, trials, seed)
-    found = choice(errors, taps, tried, parts.grid.L, None if resampled is None else resampled[0], ends)
+    played = (played_on(part.table, f * trials) for f, part in enumerate(parts.parts))
+    errors, *ends, taps = map(np.array, zip(*played, strict=True))
+    drawn = repeated_means(parts, played_on, trials, seed)[0]
+    found = choice(errors, taps, tried, parts.grid.L, drawn, ends)
     return found._replace(error=with_unseen(found.error, found.taps.mean(axis=0), parts, wrong))
 
 
@@ -110,7 +111,7 @@ def choice(
     taps: Floats,
     tried: NDArray[np.intp],
     L: int,
-    resampled: Floats | None = None,
+    drawn: Floats,
     might_be: Sequence[Floats] = (),
 ) -> FixationChoice:
     """Fixation point from the outcomes of trials.
@@ -120,12 +121,12 @@ def choice(
         taps: Reaction times, likewise.
         tried: The positions, shape (P,).
         L: Number of positions of the grid.
-        resampled: Mean errors on resamples where parts are halves, see `over_parts`, shape (R, P).
+        drawn: Mean errors in repeats, see `over_parts`, shape (R, P).
         might_be: What else the errors might be, likewise.
     """
-    error = over_parts(errors, resampled, 0.0, might_be)
+    error = over_parts(errors, drawn, 0.0, might_be)
     best = int(error.mean.argmin())
-    excess = excess_over_parts(errors, best, resampled, might_be)
+    excess = excess_over_parts(errors, best, drawn, might_be)
     alike = np.flatnonzero(excess.mean <= excess.error)
     away = np.abs(tried[alike] - (L - 1) / 2)
     chosen = alike[np.lexsort((tried[alike] != default_fixation(L), error.mean[alike], away))[0]]

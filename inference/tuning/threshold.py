@@ -25,7 +25,7 @@ from .held_out import (
     decision_error,
     excess_over_parts,
     over_parts,
-    resampled_means,
+    repeated_means,
     with_unseen,
 )
 
@@ -97,7 +97,7 @@ def choose_threshold(
 
     far = Farthest.on(parts.grid)
 
-    def played_on(table: TapTable, stream: int = 0) -> tuple[NDArray[Any], ...]:
+    def played_on(table: TapTable, stream: int) -> tuple[NDArray[Any], ...]:
         plan = plan_trials(table.pool, trials, seed, aim, first_stream=stream)
         played = run_trials(
             table,
@@ -113,14 +113,13 @@ def choose_threshold(
         return *error, *(end.taps.T for end in ends), (played.what != true).T, played.used_up.T
 
     error, error_best, error_worst, taps, taps_best, taps_worst, missed, used_up = map(
-        np.array, zip(*(played_on(part.table) for part in parts.parts), strict=True)
+        np.array, zip(*(played_on(part.table, f * trials) for f, part in enumerate(parts.parts)), strict=True)
     )
     errors, times = (error_best, error_worst), (taps_best, taps_worst)
     cost, costs = cost_error * error + taps, [cost_error * e + t for e, t in zip(errors, times, strict=True)]
-    error_drawn = taps_drawn = cost_drawn = None
-    if (resampled := resampled_means(parts, played_on, trials, seed)) is not None:
-        error_drawn, taps_drawn = resampled[0], resampled[3]
-        cost_drawn = cost_error * error_drawn + taps_drawn
+    drawn = repeated_means(parts, played_on, trials, seed)
+    error_drawn, taps_drawn = drawn[0], drawn[3]
+    cost_drawn = cost_error * error_drawn + taps_drawn
     mean = over_parts(cost, cost_drawn, 1.0, costs)
     chosen = int(mean.mean.argmin())
     excess = excess_over_parts(cost, chosen, cost_drawn, costs)

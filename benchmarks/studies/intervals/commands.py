@@ -24,7 +24,7 @@ from solidtouch.inference.trials.records import TapTable, plan_trials, tap_table
 from solidtouch.inference.trials.resampling import spread
 from solidtouch.inference.trials.run import run_trials
 from solidtouch.inference.trials.tally import tally_trials
-from solidtouch.inference.tuning.held_out import held_out
+from solidtouch.inference.tuning.held_out import held_out, with_repeats
 from solidtouch.inference.tuning.threshold import choose_threshold
 from solidtouch.models import seeds
 from solidtouch.models.grid import ClassGrid
@@ -44,7 +44,7 @@ RARE = 0.9999
 """A threshold at which many data sets have no errors."""
 TRUTHS = 4
 """Tables of the world; as many data sets of each."""
-LARGE, TRUE_TRIALS, TRIALS = 400, 50_000, 50_000
+LARGE, TRUE_TRIALS, TRIALS = 4000, 50_000, 50_000
 BLOCK = "intervals-commands"
 _TUNE_TRIALS, _STRATEGY_TRIALS = 500, 200
 _POOL = 1 << 20  # number of the data set that is the large pool
@@ -107,9 +107,15 @@ def true_means(large: TapTable, theta_x: float = 0.0, theta: float = THETA) -> d
 
 
 @cache
+def large(truth: int) -> TapSet:
+    """So many taps of a world that their own chance is small beside that of the data sets."""
+    return drawn(truth, LARGE, _POOL)
+
+
+@cache
 def known_means(truth: int, theta_x: float) -> dict[str, float]:
     """What fresh taps of a world give under the correct model."""
-    return true_means(tap_table(right(truth), drawn(truth, LARGE, _POOL)), theta_x)
+    return true_means(tap_table(right(truth), large(truth)), theta_x)
 
 
 def of_trials(truth: int, number: int, taps: int) -> Iterator[Held]:
@@ -147,17 +153,19 @@ def of_strategies(truth: int, number: int, taps: int) -> Iterator[Held]:
 
 
 def of_tune(truth: int, number: int, taps: int, sessions: int) -> Iterator[Held]:
-    """`tune`: error, taps and cost of a threshold on parts, against fresh taps under the same models."""
+    """`tune`: error, taps and cost of a threshold on parts.
+
+    Against fresh taps under the same models, and, where sessions are drawn anew, against the mean of all data sets.
+    """
     recorded = concatenate([drawn(truth, taps, number, session) for session in range(sessions)])
-    parts = held_out(recorded, GRID, fitted)
+    parts = with_repeats(held_out(recorded, GRID, fitted), recorded, fitted)
     options = {
         "play": PlaySettings(fixation=AIM, deadline=DEADLINE, border="clamp"),
         "trials": _TUNE_TRIALS,
         "seed": number,
     }
     found = choose_threshold(parts, (0.5, THETA, RARE), PRICE, **options)
-    large = drawn(truth, LARGE, _POOL)
-    tables = [tap_table(part.model, large) for part in parts.parts]
+    tables = [tap_table(part.model, large(truth)) for part in parts.parts]
     size = f"{sessions} sessions of {taps}" if sessions > 1 else f"halves of {taps}"
     for h, theta, at in ((1, THETA, ""), (2, RARE, f" at {RARE:g}")):
         true = [true_means(one, theta=theta) for one in tables]
@@ -165,8 +173,10 @@ def of_tune(truth: int, number: int, taps: int, sessions: int) -> Iterator[Held]
         price = PRICE * wrong + taken
         rows = (("P(wrong)", found.error, wrong), ("taps", found.taps, taken), ("cost", found.cost, price))
         for name, one, known in rows:
-            of = f"`tune`, {name}{at}"
-            yield Held(of, size, truth, float(one.low[h]), float(one.high[h]), known, float(one.mean[h]))
+            of, low, high, mean = f"`tune`, {name}{at}", float(one.low[h]), float(one.high[h]), float(one.mean[h])
+            yield Held(of, size, truth, low, high, known, mean)
+            if sessions > 1:
+                yield Held(f"{of}, repeated study", size, truth, low, high, np.nan, mean)
 
 
 def outcomes(number: int, sizes: tuple[int, ...]) -> list[Held]:
@@ -176,7 +186,7 @@ def outcomes(number: int, sizes: tuple[int, ...]) -> list[Held]:
     for taps in sizes:
         found += of_trials(truth, number, taps)
         found += of_strategies(truth, number, taps)
-    for taps, sessions in ((20, 1), (60, 1), (20, 5)):
+    for taps, sessions in ((20, 1), (60, 1), (20, 2), (20, 5), (20, 10)):
         found += of_tune(truth, number, taps, sessions)
     return found
 

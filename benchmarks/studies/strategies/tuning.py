@@ -22,7 +22,7 @@ from solidtouch.hardware.simulator.settings import preset
 from solidtouch.inference.moves.control import default_fixation
 from solidtouch.inference.trials.records import plan_trials, tap_table
 from solidtouch.inference.trials.run import run_trials
-from solidtouch.inference.tuning.held_out import held_out
+from solidtouch.inference.tuning.held_out import held_out, with_repeats
 from solidtouch.models.measurement.histogram import fit
 from solidtouch.models.seeds import data_set_seed
 from solidtouch.models.setting_file import Setting
@@ -72,7 +72,8 @@ def data_set(name: str, seed: int, trials: int, episodes: int) -> Found:
     price = Price(COST)
 
     def tuned(taps: TapSet) -> Tuning:
-        return tune_parts(held_out(taps, grid, fit), Setting(), price, trials=trials, seed=seed)
+        parts = with_repeats(held_out(taps, grid, fit), taps, fit)
+        return tune_parts(parts, Setting(), price, trials=trials, seed=seed)
 
     one, three = tuned(sessions[0]), tuned(train)
     model = fit(train, grid)

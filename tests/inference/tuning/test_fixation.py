@@ -7,7 +7,15 @@ from solidtouch.hardware.simulator.model_rig import draw_taps
 from solidtouch.inference.trials.records import plan_trials, tap_table
 from solidtouch.inference.trials.run import run_trials
 from solidtouch.inference.tuning.fixation import choice, choose_fixation
-from solidtouch.inference.tuning.held_out import RESAMPLES, decision_error, held_out, over_parts, resampled_means
+from solidtouch.inference.tuning.held_out import (
+    RESAMPLES,
+    decision_error,
+    held_out,
+    over_parts,
+    repeated_means,
+    repeated_models,
+    with_repeats,
+)
 from solidtouch.models.errors import InputError
 from solidtouch.models.grid import ClassGrid
 from solidtouch.models.measurement.histogram import fit
@@ -86,7 +94,7 @@ def test_errors_are_those_of_trials_on_the_part():
     for f, l in ((0, 0), (2, 4)):
         part = parts.parts[f]
         table = tap_table(part.model, part.taps)
-        plan = plan_trials(table.pool, 150, 5, l)
+        plan = plan_trials(table.pool, 150, 5, l, first_stream=150 * f)
         trials = run_trials(table, plan, (0.8,), play=PlaySettings(theta_x=0.0, deadline=20), seed=5, fresh=True)
         assert found.errors[f, l] == decision_error(GRID, trials.what[:, 0], plan.what).mean()
         assert found.taps[f, l] == trials.taps.mean()
@@ -96,12 +104,12 @@ def test_of_equal_positions_the_nearest_to_the_middle_is_chosen():
     """The lower one of two; also where the least error lies elsewhere by luck."""
     even = np.zeros((2, 6, 40))
     assert choice(even, even, np.arange(6), 6, np.zeros((3, 6))).chosen == 2
-    assert choice(even[:, :5], even[:, :5], np.arange(5), 5).chosen == 2
+    assert choice(even[:, :5], even[:, :5], np.arange(5), 5, np.zeros((3, 5))).chosen == 2
     rng = np.random.default_rng(0)
     noisy = np.tile(rng.normal(size=(2, 1, 400)), (1, 6, 1)) + rng.normal(size=(2, 6, 400))
     noisy -= noisy.mean(axis=-1, keepdims=True)
     noisy[:, 0] -= 0.01
-    found = choice(noisy, noisy, np.arange(6), 6)
+    found = choice(noisy, noisy, np.arange(6), 6, 0.05 * rng.normal(size=(9, 6)))
     assert (found.best, found.chosen) == (0, 2)
     assert found.alike.all()
 
@@ -111,27 +119,79 @@ def test_a_position_that_is_surely_better_is_chosen_whatever_the_middle():
     session = np.array([0.1, 0.9, 2.0])[:, np.newaxis, np.newaxis]
     errors = session + np.where(np.arange(6) == 5, 0.0, 0.05)[:, np.newaxis] + np.zeros((3, 6, 10))
     errors += np.random.default_rng(1).normal(size=(3, 1, 10)) * 0.01
-    found = choice(errors, errors, np.arange(6), 6)
+    found = choice(errors, errors, np.arange(6), 6, errors.mean(axis=-1))
     assert found.chosen == 5
     assert found.error.error[5] > 0.4
     assert found.excess.error[0] < 1e-6
 
 
-def test_standard_errors_are_those_of_sessions_or_of_resampled_taps(rng):
-    """Of sessions never less than the trials' own chance."""
-    values = rng.normal(size=(2, 3, 50)) + np.array([6.0, -3.0])[:, np.newaxis, np.newaxis]
-    means = values.mean(axis=-1)
-    drawn = rng.normal(size=(9, 3))
-    by_session, by_taps = over_parts(values), over_parts(values, drawn, -1.0)
-    np.testing.assert_allclose(by_session.mean, means.mean(axis=0))
-    np.testing.assert_allclose(by_session.error, np.abs(np.diff(means, axis=0))[0] / 2)
-    np.testing.assert_allclose((by_session.high - by_session.mean) / by_session.error, t.ppf(0.975, 1))
-    np.testing.assert_allclose(by_taps.mean, by_session.mean)
-    np.testing.assert_allclose(by_taps.error, drawn.std(axis=0, ddof=1))
-    np.testing.assert_allclose((by_taps.high - by_taps.mean) / by_taps.error, t.ppf(0.975, 8))
-    np.testing.assert_allclose(by_taps.low, np.maximum(by_taps.mean - by_taps.error * t.ppf(0.975, 8), -1.0))
-    alike = values - means[:, :, np.newaxis]
-    np.testing.assert_allclose(over_parts(alike).error, np.sqrt(alike.var(axis=-1).sum(axis=0) / 50) / 2)
+def test_standard_errors_are_those_of_repeats(rng):
+    """The interval is that of Student's t, and goes no lower than values can."""
+    values, drawn = (
+        rng.normal(size=(2, 3, 50)) + np.array([6.0, -3.0])[:, np.newaxis, np.newaxis],
+        rng.normal(size=(9, 3)),
+    )
+    found = over_parts(values, drawn, -1.0)
+    np.testing.assert_allclose(found.mean, values.mean(axis=(0, 2)))
+    np.testing.assert_allclose(found.error, drawn.std(axis=0, ddof=1))
+    np.testing.assert_allclose((found.high - found.mean) / found.error, t.ppf(0.975, 8))
+    np.testing.assert_allclose(found.low, np.maximum(found.mean - found.error * t.ppf(0.975, 8), -1.0))
+
+
+@pytest.mark.parametrize("sessions", [2, 3, 5, 12])
+def test_a_repeat_leaves_sessions_out_of_tests_and_of_models(sessions):
+    """Of two sessions models stay; of more than ten some are left out together. The variance is the jackknife's."""
+    taps = planted(2, sessions)
+    parts = held_out(taps, GRID, fitted)
+    repeated = with_repeats(parts, taps, fitted)
+    G = min(sessions, 10)
+    group = np.arange(sessions) % G
+
+    def tapped(table, stream):
+        return (np.full((1, 4), table.log_likelihood.sum() + stream),)
+
+    kept = np.empty(G)
+    for g in range(G):
+        means = []
+        for f in np.flatnonzero(group != g):
+            without = np.isin(group, [f % G, g]) if sessions > 2 else np.arange(sessions) == f
+            model = fitted(taps.select(~without[taps.session]), GRID)
+            means.append(tap_table(model, taps.select(taps.session == f)).log_likelihood.sum() + 7 * f)
+        kept[g] = np.mean(means)
+    (drawn,) = repeated_means(repeated, tapped, 7, 0)
+
+    if sessions > 2:
+        assert repeated_models(parts) == len({id(model) for one in repeated.repeats for _, model in one})
+    else:
+        assert repeated is parts
+    assert drawn.shape == (G, 1)
+    np.testing.assert_allclose(drawn[:, 0] - drawn.mean(), (G - 1) / np.sqrt(G) * (kept - kept.mean()), atol=1e-9)
+    np.testing.assert_allclose(drawn.var(ddof=1), (G - 1) / G * ((kept - kept.mean()) ** 2).sum())
+    assert repeated.played == sessions + sum(len([f for f in group if f != g]) for g in range(G))
+
+
+def test_models_stay_where_those_of_fewer_sessions_lack_a_class():
+    """That is said; so it is where no model can be fitted."""
+    taps = planted(2, sessions=3)
+    lacking = taps.select((taps.indices(GRID)[0] != 0) | (taps.session != 1))
+    parts = held_out(lacking, GRID, fitted)
+    assert with_repeats(parts, lacking, fitted).repeats == parts.repeats
+    assert "models as they are" in with_repeats(parts, lacking, fitted).sentence
+
+    def refused(_taps, _grid):
+        raise InputError("Not with so few.")
+
+    whole = held_out(taps, GRID, fitted)
+    assert "models as they are" in with_repeats(whole, taps, refused).sentence
+    assert with_repeats(whole, taps, fitted).sentence == whole.sentence
+
+
+def test_halves_have_no_repeats():
+    """Their taps are resampled."""
+    taps = planted(2, sessions=1)
+    parts = held_out(taps, GRID, fitted)
+    assert with_repeats(parts, taps, fitted) is parts
+    assert (repeated_models(parts), parts.played) == (0, 2 * (1 + RESAMPLES))
 
 
 def test_taps_of_halves_are_drawn_anew_and_not_trials():
@@ -146,7 +206,7 @@ def test_taps_of_halves_are_drawn_anew_and_not_trials():
         played = run_trials(table, plan, (0.0,), play=PlaySettings(theta_x=1.0), seed=3, fresh=True)
         return ((played.what != plan.what[:, np.newaxis]).T.astype(float),)
 
-    (drawn,) = resampled_means(parts, play, 4000, 0)
+    (drawn,) = repeated_means(parts, play, 4000, 0)
     variance = 0.0
     for part in parts.parts:
         pool = part.table.pool
@@ -157,7 +217,6 @@ def test_taps_of_halves_are_drawn_anew_and_not_trials():
             variance += wrong.var(ddof=1) / 12 / (2 * M) ** 2
     assert drawn.shape == (RESAMPLES, 1)
     np.testing.assert_allclose(drawn.std(ddof=1), np.sqrt(variance), rtol=0.35)
-    assert resampled_means(parts._replace(by_session=True), play, 1, 0) is None
 
 
 def test_positions_without_passive_taps_are_not_tried():

@@ -33,8 +33,8 @@ def test_the_threshold_with_the_least_mean_cost_is_chosen(parts, cost_error):
     found = choose_threshold(parts, THETA, cost_error, trials=200, play=PlaySettings(deadline=30, fixation=1), seed=3)
     cost, error = np.zeros(len(THETA)), np.zeros(len(THETA))
     for h, theta in enumerate(THETA):
-        for part in parts.parts:
-            plan = plan_trials(part.table.pool, 200, 3, 1)
+        for f, part in enumerate(parts.parts):
+            plan = plan_trials(part.table.pool, 200, 3, 1, first_stream=200 * f)
             trials = run_trials(
                 part.table, plan, (theta,), play=PlaySettings(theta_x=0.0, deadline=30), seed=3, fresh=True
             )
