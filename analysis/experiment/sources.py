@@ -52,6 +52,11 @@ class Source(NamedTuple):
         return 0 if self.folds > 1 else RESAMPLES
 
     @property
+    def left_out(self) -> bool:
+        """Whether the units are sessions, each tested with the model of the others."""
+        return self.folds > 1 and not self.simulated
+
+    @property
     def number_of_units(self) -> int:
         """Data sets, sessions or resamples of test taps."""
         return self.resamples or self.folds

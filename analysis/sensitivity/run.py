@@ -24,7 +24,7 @@ from ...models.threads import check_wanted, one_blas_thread
 from ..experiment.settings import SHOWN_THETA
 from ..experiment.sources import Source
 from ..stats.jackknife import Interval, Means
-from ..stats.resampled_units import resampled_tables, units_of
+from ..stats.resampled_units import left_out_units, resampled_tables, units_of
 from ..tasks.crew import THREADS, Crew
 from ..tasks.kept import Kept
 from .choices import CHOICES, Catalogue, Choice, Option, Reading, applicable, changed
@@ -285,7 +285,9 @@ def _run(
         played = list(crew(_play_fold, items, shared, progress(name, len(items))))
     units = zip(*played, strict=True) if together else played
     means, impossible = zip(*(zip(*of, strict=True) for of in units), strict=True)
-    return [np.concatenate(parts) for parts in means], np.mean([*zip(*impossible, strict=True)], axis=0).tolist()
+    joined = [np.concatenate(parts) for parts in means]
+    joined = [left_out_units(parts) for parts in joined] if source.left_out else joined
+    return joined, np.mean([*zip(*impossible, strict=True)], axis=0).tolist()
 
 
 def _strongest(catalogue: Catalogue, strength: Sequence[float]) -> list[tuple[Choice, int]]:

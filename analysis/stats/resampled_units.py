@@ -66,6 +66,20 @@ def units_of(samples: Sequence[NDArray[np.float64]], how: Spread) -> NDArray[np.
     return first + unit_factor(how) * np.sqrt(len(drawn)) * (drawn - drawn.mean(axis=0))
 
 
+def left_out_units(means: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Units of sessions each of which is tested with the model of the others, as far apart as their mean varies.
+
+    These models share most of their training taps, and a session's taps also make the models that test the others. So
+    means of sessions depend on each other, and differ less than independent ones would: the variance of their mean is
+    taken as 1 / F + 1 / (F - 1) times theirs (Nadeau and Bengio 2003).
+
+    Args:
+        means: Of each session, shape (F, ...).
+    """
+    F, mean = len(means), means.mean(axis=0)
+    return mean + np.sqrt(1 + F / (F - 1)) * (means - mean)
+
+
 def unit_factor(how: Spread) -> float:
     """By which deviations of resamples are enlarged where their number gives the degrees of freedom.
 

@@ -105,6 +105,11 @@ class StrategyData(NamedTuple):
         """Of test taps, which are the units where there is a single fold."""
         return 0 if self.folds > 1 else RESAMPLES
 
+    @property
+    def left_out(self) -> bool:
+        """Whether the units are sessions, each tested with the model of the others."""
+        return self.folds > 1 and not self.simulated
+
 
 def simulated_bench(name: str, data_sets: int, seed: int) -> StrategyData:
     """Data sets of a preset, each of a sensor of its own with sessions to train, to test and to learn the power with.

@@ -27,7 +27,7 @@ from ...models.threads import check_wanted, one_blas_thread
 from ..experiment.settings import SHOWN_THETA
 from ..page.figure_style import unit_name
 from ..stats.jackknife import Means
-from ..stats.resampled_units import resampled_tables, units_of
+from ..stats.resampled_units import left_out_units, resampled_tables, units_of
 from ..tasks.crew import THREADS, Crew
 from ..tasks.kept import Kept
 from .curves import Family, decided_sums, families, nats
@@ -121,9 +121,7 @@ def strategy_study(
     shared = _Shared(bench, settings, Kept(_KEPT), Kept(_KEPT))
     with one_blas_thread():
         played = list(crew(_play_strategies, items, shared, progress(bench.name, len(items))))
-    return StrategyStudy(
-        bench, tuple(_joined([one for one in played if one.power == power], bench.folds) for power in names)
-    )
+    return StrategyStudy(bench, tuple(_joined([one for one in played if one.power == power], bench) for power in names))
 
 
 def playable(bench: StrategyData, strategies: Sequence[str], everything: bool) -> tuple[str, ...]:
@@ -133,13 +131,18 @@ def playable(bench: StrategyData, strategies: Sequence[str], everything: bool) -
     return tuple(name for name in chosen if in_mm or not parse_strategy(name).per)
 
 
-def _joined(parts: Sequence[PlayedStrategies], folds: int) -> PlayedStrategies:
+def _joined(parts: Sequence[PlayedStrategies], bench: StrategyData) -> PlayedStrategies:
     """Parts under the same root: folds, or strategies of a single one."""
+
+    def joined[Key](of: Sequence[Mapping[Key, Means]]) -> dict[Key, Means]:
+        units = {key: np.concatenate([one[key] for one in of if key in one]) for part in of for key in part}
+        return {key: left_out_units(values) for key, values in units.items()} if bench.left_out else units
+
     return parts[0]._replace(
-        means={key: np.concatenate([p.means[key] for p in parts if key in p.means]) for p in parts for key in p.means},
-        nats={name: np.concatenate([p.nats[name] for p in parts if name in p.nats]) for p in parts for name in p.nats},
+        means=joined([one.means for one in parts]),
+        nats=joined([one.nats for one in parts]),
         paths={name: path for part in reversed(parts) for name, path in part.paths.items()},
-        exponents=float(np.mean([one.exponents for one in parts[:folds]])),
+        exponents=float(np.mean([one.exponents for one in parts[: bench.folds]])),
     )
 
 

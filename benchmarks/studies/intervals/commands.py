@@ -7,12 +7,13 @@ Test taps are drawn from the tables that the filter uses, so a large pool of the
 
 import argparse
 from collections.abc import Iterator
-from functools import cache, partial
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from solidtouch.analysis.stats.resampled_units import RESAMPLES, resampled_tables, units_of
+from solidtouch.analysis.stats.jackknife import interval, jackknife
+from solidtouch.analysis.stats.resampled_units import RESAMPLES, left_out_units, resampled_tables, units_of
 from solidtouch.analysis.stats.tallied import tally_means
 from solidtouch.analysis.strategies.curves import AT_TAPS, Family, decided_sums, differences
 from solidtouch.analysis.trials.spread import tap_spread
@@ -34,7 +35,7 @@ from solidtouch.models.settings import PlaySettings
 from solidtouch.models.taps import TapSet, concatenate
 
 from benchmarks.page import parsed, share_interval, table, write_block
-from benchmarks.study import until_interrupted
+from benchmarks.study import processes, until_interrupted
 
 L, M, K, B = 6, 3, 4, 8
 GRID = ClassGrid(1.5 * np.arange(L), "mm", None, tuple((f"object {m}",) for m in range(M)))
@@ -179,6 +180,29 @@ def of_tune(truth: int, number: int, taps: int, sessions: int) -> Iterator[Held]
                 yield Held(f"{of}, repeated study", size, truth, low, high, np.nan, mean)
 
 
+def of_folds(truth: int, number: int, taps: int, sessions: int) -> Iterator[Held]:
+    """`strategies` and `sensitivity` on sessions left out in turn: as `of_tune`, also of a difference."""
+    recorded = concatenate([drawn(truth, taps, number, session) for session in range(sessions)])
+    values, true = [], []
+    for f, part in enumerate(held_out(recorded, GRID, fitted).parts):
+        plan = plan_trials(part.table.pool, _TUNE_TRIALS, number, AIM, first_stream=f * _TUNE_TRIALS)
+        table_of, own, known = tap_table(part.model, large(truth)), [], []
+        for theta_x in (1.0, 0.0):
+            found = run_trials(part.table, plan, (THETA,), play=PLAY.changed(theta_x=theta_x), seed=number, fresh=True)
+            own.append([(found.what[:, 0] != plan.what).mean(), found.taps.mean()])
+            known.append([*true_means(table_of, theta_x).values()])
+        values.append([*own, np.subtract(*own)])
+        true.append([*known, np.subtract(*known)])
+    means, errors = jackknife([left_out_units(np.array(values))], np.asarray)
+    for i, policy in enumerate(("passive", "active", "passive minus active")):
+        for j, name in enumerate(_WORDS.values()):
+            found = interval(means[i, j], errors[i, j], sessions, 1)
+            of, ends = f"`strategies`, {name}, {policy}", (found.low, found.high)
+            size, known = f"{sessions} sessions of {taps}", float(np.mean(true, axis=0)[i, j])
+            yield Held(of, size, truth, *ends, known, found.value)
+            yield Held(f"{of}, repeated study", size, truth, *ends, np.nan, found.value)
+
+
 def outcomes(number: int, sizes: tuple[int, ...]) -> list[Held]:
     """All intervals of a data set."""
     truth = number % TRUTHS
@@ -188,6 +212,8 @@ def outcomes(number: int, sizes: tuple[int, ...]) -> list[Held]:
         found += of_strategies(truth, number, taps)
     for taps, sessions in ((20, 1), (60, 1), (20, 2), (20, 5), (20, 10)):
         found += of_tune(truth, number, taps, sessions)
+    for sessions in (3, 5, 10):
+        found += of_folds(truth, number, 20, sessions)
     return found
 
 
@@ -215,8 +241,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--data-sets", type=int, default=300, help="number of data sets")
     options = parsed(parser, BLOCK)
-    tasks = [partial(outcomes, number, SIZES) for number in range(options.data_sets)]
-    done = list(until_interrupted("Data sets", tasks))
+    with processes() as workers:
+        played = [workers.submit(outcomes, number, SIZES) for number in range(options.data_sets)]
+        done = list(until_interrupted("Data sets", [one.result for one in played]))
+        workers.shutdown(cancel_futures=True)
     text = (
         f"{len(done)} data sets, {L} x {M} classes, {K} taxels of {B} symbols, Dirichlet 1, {TRUTHS} worlds, "
         f"power none, border clamp, theta {THETA:g} where nothing else is said, deadline {DEADLINE}.\n\n"

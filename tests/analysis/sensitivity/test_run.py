@@ -407,6 +407,18 @@ def test_a_recording_of_one_split_has_resamples_of_taps_as_units(tmp_path, make_
     assert [choice.name for choice in study.catalogue.choices] == ["pseudocount"]
 
 
+def test_sessions_left_out_in_turn_share_their_training(tmp_path, make_taps):
+    """So they are further apart than data sets of their own would be; means are the same."""
+    make_taps(sessions=3).save(tmp_path / "three.nc")
+    source, few = recorded_source(tmp_path / "three.nc"), settings("pseudocount", trials=60)
+    left_out, apart = (
+        sensitivity_study(source._replace(simulated=simulated), few, no_progress).default["active", "taps"]
+        for simulated in (False, True)
+    )
+    assert left_out.value == pytest.approx(apart.value)
+    assert left_out.high - left_out.value == pytest.approx(np.sqrt(2.5) * (apart.high - apart.value))
+
+
 @pytest.mark.slow
 def test_intervals_of_one_recording_hold_its_taps_and_not_only_trials(tmp_path, make_taps):
     """With four test taps of a class many trials leave them wide: 0.04 mm would be that of 3200 trials."""

@@ -6,6 +6,7 @@ from scipy.stats import t
 from solidtouch.analysis.stats.jackknife import jackknife
 from solidtouch.analysis.stats.resampled_units import (
     RESAMPLES,
+    left_out_units,
     resampled_sentence,
     resampled_table,
     resampled_tables,
@@ -99,3 +100,12 @@ def test_sessions_are_units_where_several_test():
     assert len(units) == 3
     assert units.mean() == pytest.approx(np.mean(own))
     assert units.std(ddof=1) == pytest.approx(np.std(own, ddof=1))
+
+
+@pytest.mark.parametrize("F", [2, 3, 12])
+def test_sessions_left_out_in_turn_are_further_apart_than_their_means(F, rng):
+    """Their mean stays, and its variance is 1 / F + 1 / (F - 1) times theirs."""
+    means = rng.normal(size=(F, 4, 2))
+    value, error = jackknife([left_out_units(means)], lambda mean: mean)
+    np.testing.assert_allclose(value, means.mean(axis=0))
+    np.testing.assert_allclose(error**2, (1 / F + 1 / (F - 1)) * means.var(axis=0, ddof=1))

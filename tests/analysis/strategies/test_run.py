@@ -364,6 +364,20 @@ def test_recordings_are_compared_over_sessions_or_resampled_taps(make_taps, tmp_
     assert equal(summary, FIXED, "random")[0]["way_low"] > 0
 
 
+def test_sessions_left_out_in_turn_share_their_training(make_taps, tmp_path):
+    """So they are further apart than data sets of their own would be; means are the same."""
+    make_taps(sessions=3).save(tmp_path / "three.nc")
+    bench = recorded_bench(tmp_path / "three.nc")._replace(powers=("J",))
+    few = StrategySettings(trials=20, deadline=4, strategies=("passive", BASE))
+    (left_out,), (apart,) = (
+        strategy_study(bench._replace(simulated=simulated), few, no_progress).played for simulated in (False, True)
+    )
+    for name in ("means", "nats"):
+        for key, units in getattr(apart, name).items():
+            mean = units.mean(axis=0)
+            np.testing.assert_allclose(getattr(left_out, name)[key], mean + np.sqrt(2.5) * (units - mean), atol=1e-9)
+
+
 @pytest.mark.slow
 def test_intervals_of_one_recording_hold_its_taps_and_not_only_trials(make_taps, tmp_path, two_families):
     """With four test taps of a class: 0.11 mm would be that of 400 trials."""
