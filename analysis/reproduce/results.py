@@ -28,6 +28,7 @@ from ..page.page import Embedded
 from ..page.stages import StageClock
 from ..stats import metrics
 from ..stats.contacts import summarise
+from ..stats.jackknife import shared_training
 from ..tasks.beside import NotDone
 from .check import Check, check
 from .examples import Trajectories, belief_cases, example_episode, trajectories
@@ -136,13 +137,19 @@ class Results:
 
     @property
     def spread(self) -> Spread:
-        """How resamples of a single data set turn into intervals, where trials draw stored taps."""
-        return self.studies[0].played.spread
+        """How resamples of a single data set, or several, turn into intervals, where trials draw stored taps."""
+        return self._of_data_sets(self.studies[0].played.spread)
 
     @property
     def fresh_spread(self) -> Spread:
         """Likewise where no tap is drawn twice."""
-        return self.studies[0].played.fresh_spread
+        return self._of_data_sets(self.studies[0].played.fresh_spread)
+
+    def _of_data_sets(self, spread: Spread) -> Spread:
+        F = len(self.studies)
+        if F == 1:
+            return spread
+        return spread._replace(factor=1.0 if self.request.simulated else shared_training(F))
 
     @property
     def used_up(self) -> float:

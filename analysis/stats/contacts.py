@@ -100,7 +100,8 @@ def summarise(rows: Sequence[Accuracy], spread: Spread = NO_SPREAD) -> dict[str,
     first = rows[0]
     if len(rows) > 1:
         means = np.array([row.mean for row in rows])
-        half = stdtrit(len(rows) - 1, 0.5 + CONFIDENCE / 2) * means.std(axis=0, ddof=1) / np.sqrt(len(rows))
+        error = spread.factor * means.std(axis=0, ddof=1) / np.sqrt(len(rows))
+        half = stdtrit(len(rows) - 1, 0.5 + CONFIDENCE / 2) * error
         ends, center = (np.clip(mean - half, 0, 1), np.clip(mean + half, 0, 1)), mean
     elif len(first.resampled):
         drawn = with_noise(

@@ -68,6 +68,16 @@ def jackknife(
     return value, np.sqrt((n - 1) / n * (spread**2).sum(axis=0))
 
 
+def shared_training(F: int) -> float:
+    """By how much a t-interval over F sessions is too narrow if each is tested with the model of the others.
+
+    These models share most of their training taps, and a session's taps also make the models that test the others. So
+    results of sessions depend on each other, and differ less than independent ones would: the variance of their mean is
+    taken as 1 / F + 1 / (F - 1) times theirs instead of 1 / F (Nadeau and Bengio 2003).
+    """
+    return math.sqrt(1 + F / (F - 1))
+
+
 def interval(value: float, error: float, units: int, intervals: int) -> Interval:
     """The intervals of a number with this standard error; the simultaneous one is infinite below `FEWEST_UNITS`."""
     tail = (1 - CONFIDENCE) / 2

@@ -178,7 +178,8 @@ def by_place(
 
     Args:
         data_sets: Outcomes with the dim ``data_set``.
-        spread: How resamples of a single data set turn into intervals; several data sets have t-intervals.
+        spread: How resamples of a single data set turn into intervals; several data sets have t-intervals, enlarged by
+            its factor.
         difference: Whether outcomes are differences, which can be below what an outcome can.
         parts: Into how many the test taps are parted by place; `None` for the number of places.
         slowest: Mean reaction times that say how many decisions the test taps allow; `None` for those of the outcomes.
@@ -199,7 +200,7 @@ def by_place(
         value = result[name].values
         smallest, largest = np.minimum.reduce([value, *might_be]), np.maximum.reduce([value, *might_be])
         if sets > 1:
-            half, center = _half_width(data_sets[name]).values, value
+            half, center = spread.factor * _half_width(data_sets[name]).values, value
             low, high = (smallest - half).clip(least, most), (largest + half).clip(least, most)
         else:
             samples = _samples(data_sets.isel(data_set=0), name, spread)
@@ -254,7 +255,7 @@ def interval_sentence(data_sets: int, kind: str, spread: Spread = NO_SPREAD) -> 
         spread: How resamples of a single one turn into intervals.
     """
     if data_sets > 1:
-        shared = "; they ignore that folds share training sessions" if kind == "folds" else ""
+        shared = ", and allow for folds that share training sessions" if kind == "folds" else ""
         return (
             f"Intervals are {CONFIDENCE:.0%} t-intervals of the mean over {data_sets} {kind}; they cover the "
             f"variation between data sets and between trials{shared}."

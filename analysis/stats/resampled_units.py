@@ -16,6 +16,7 @@ from ...inference.trials.resampling import CONFIDENCE, Spread, spread
 from ...inference.trials.selections import resampled_pools
 from ...models.grid import ClassGrid, episode_sessions, tap_pool
 from ...models.taps import TapSet
+from .jackknife import shared_training
 
 RESAMPLES = 40
 """Of the test taps of a single data set; with so many an interval is 3% wider than with any number."""
@@ -67,17 +68,13 @@ def units_of(samples: Sequence[NDArray[np.float64]], how: Spread) -> NDArray[np.
 
 
 def left_out_units(means: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Units of sessions each of which is tested with the model of the others, as far apart as their mean varies.
-
-    These models share most of their training taps, and a session's taps also make the models that test the others. So
-    means of sessions depend on each other, and differ less than independent ones would: the variance of their mean is
-    taken as 1 / F + 1 / (F - 1) times theirs (Nadeau and Bengio 2003).
+    """Units of sessions that are tested with the model of the others, as far apart as `shared_training` says.
 
     Args:
         means: Of each session, shape (F, ...).
     """
-    F, mean = len(means), means.mean(axis=0)
-    return mean + np.sqrt(1 + F / (F - 1)) * (means - mean)
+    mean = means.mean(axis=0)
+    return mean + shared_training(len(means)) * (means - mean)
 
 
 def unit_factor(how: Spread) -> float:

@@ -1,5 +1,6 @@
 """Results of a sweep, finished or not, for analysis."""
 
+import json
 import warnings
 from collections.abc import Sequence
 from pathlib import Path
@@ -10,6 +11,7 @@ from scipy.special import stdtrit
 
 from ...models.errors import InputError
 from ...models.io.untrusted import read_first
+from ..stats.jackknife import shared_training
 from ..stats.metrics import CONFIDENCE
 
 AVERAGED = ("what_error", "where_error", "taps", "what_wrong", "belief", "stopped_fraction")
@@ -17,6 +19,7 @@ AVERAGED = ("what_error", "where_error", "taps", "what_wrong", "belief", "stoppe
 _SIDES = (("low", -1), ("high", 1))
 _NO_WIDTH = 1e-12  # equal values differ by rounding
 _RESAMPLED = ("resample_factor", "resample_sessions")
+_FOLD = " fold "
 
 
 def open_sweep(path: str | Path) -> xr.Dataset:
@@ -47,6 +50,10 @@ def _opened(path: str | Path) -> xr.Dataset:
         dataset[name].attrs = {"long_name": str(meanings[name]), **_unit(str(name), stored)}
     dataset = dataset.assign(status=stored["status"], traceback=stored["traceback"]).assign_attrs(stored.attrs)
     # As coordinates they stay with differences of quantities.
+    known = json.loads(stored.attrs.get("data_keys", "{}"))
+    recording = [known.get(str(name), "").rpartition(_FOLD)[0] for name in stored["data"].values]
+    if len(set(recording) - {""}) < len(recording) - recording.count(""):
+        dataset = dataset.assign_coords(recording=("data", recording))
     return dataset.assign_coords({name: stored.attrs[name] for name in _RESAMPLED if name in stored.attrs})
 
 
@@ -63,7 +70,8 @@ def over_data(result: xr.Dataset, names: Sequence[str] = AVERAGED) -> xr.Dataset
     """Means over data sets, or of one data set, and their 95% t-intervals.
 
     Several data sets are the units: each has taps of its own, while cells of other seeds draw the same taps again. So
-    seeds are averaged first. The units of one data set are the resamples of its test taps, if the study has some.
+    seeds are averaged first. Sessions of a recording that are left out in turn share training taps, see
+    `jackknife.shared_training`. The units of one data set are the resamples of its test taps, if the study has some.
 
     Args:
         result: From `open_sweep`, or a selection of it, with the dim `data` or `resample`.
@@ -87,6 +95,9 @@ def over_data(result: xr.Dataset, names: Sequence[str] = AVERAGED) -> xr.Dataset
         own = chosen if "resample" not in chosen.dims else chosen.sel(resample=0)
         mean, count = own.mean("data"), own.count("data")
         error = own.std("data", ddof=1) / np.sqrt(count)
+        recording = own["recording"].values[own["recording"].values != ""] if "recording" in own.coords else []
+        if len(set(recording)) < len(recording):
+            error = error * xr.apply_ufunc(shared_training, count.where(count > 1), vectorize=True)
     elif "resample" in chosen.dims:
         mean, error, count = _resampled(chosen)
     else:

@@ -55,8 +55,8 @@ class Spread(NamedTuple):
     """Converts resamples to intervals.
 
     Attributes:
-        factor: By which deviations of resamples are enlarged. NaN where there is one tap of a class and one session,
-            which gives no interval.
+        factor: By which deviations of resamples, or of several data sets, are enlarged. NaN where there is one tap of a
+            class and one session, which gives no interval.
         few: Why intervals may be off, in a sentence; empty where they hold.
         taps: How many test taps there are.
         noise: Variance by the sampling of the estimate's trials, relative to that of a resample's fewer ones; `None`

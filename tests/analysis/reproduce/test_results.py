@@ -9,6 +9,7 @@ import xarray as xr
 from solidtouch.analysis.experiment.settings import ExperimentSettings
 from solidtouch.analysis.reproduce.results import Results
 from solidtouch.inference.trials.records import tap_table
+from solidtouch.inference.trials.resampling import Spread
 from solidtouch.models.settings import FitSettings
 from solidtouch.models.splits import split
 
@@ -33,6 +34,19 @@ def test_fresh_taps_are_shown_where_they_suffice(used_up, selected, theta):
     results = Results(None, (), (), of, None, SimpleNamespace(passive=passive), 0, None)
     assert results.enough == theta
     assert results.used_up == pytest.approx(used_up[-1])
+
+
+def test_folds_have_wider_intervals_than_data_sets():
+    """They share training sessions; the resamples of a single one have a factor of their own."""
+
+    def factors(studies, simulated):
+        own = SimpleNamespace(played=SimpleNamespace(spread=Spread(np.nan), fresh_spread=Spread(3.0)))
+        results = Results(SimpleNamespace(simulated=simulated), None, (), [own] * studies, None, None, 0, None)
+        return results.spread.factor, results.fresh_spread.factor
+
+    assert factors(3, None) == pytest.approx(2 * [np.sqrt(2.5)])
+    assert factors(3, "paper") == (1.0, 1.0)
+    assert factors(1, None) == pytest.approx((np.nan, 3.0), nan_ok=True)
 
 
 @pytest.mark.parametrize(("model", "has_p"), [("histogram", True), ("gaussian", False)])

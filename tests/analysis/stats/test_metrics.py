@@ -213,6 +213,8 @@ def test_several_data_sets_have_t_intervals_between_them(dataset):
         [result[name][0] for name in ("taps", "taps_low", "taps_high")], 2.4 + half * np.array([0, -1, 1])
     )
     assert float(over_places(three)["taps"][0]) == pytest.approx(4.2)
+    wider = by_place(three, Spread(1.5)).isel(place=0)
+    np.testing.assert_allclose(wider["taps_high"][0] - wider["taps"][0], 1.5 * half)
 
 
 def with_endings(data, best, worst):

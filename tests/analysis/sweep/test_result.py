@@ -33,6 +33,23 @@ def test_differences_pair(result):
     assert 0.95 < found["gain_low"] < 1 < found["gain_high"] < 1.05
 
 
+def test_sessions_of_one_recording_share_their_training(result):
+    """So intervals over them are wider; a session each of several recordings are data sets of their own."""
+    of = ["a", "a", "a", "", "b"]
+    shared, apart = (result.assign_coords(recording=("data", names)) for names in (of, ["a", "b", "c", "", ""]))
+    for taken, factor in (
+        (shared, 1.5),
+        (apart, 1.0),
+        (shared.isel(data=[2, 3, 4]), 1.0),
+        (shared[{"data": [0, 1]}], 3**0.5),
+    ):
+        plain = over_data(taken.drop_vars("recording"), ["what_error"])
+        found = over_data(taken, ["what_error"])
+        xr.testing.assert_allclose(found["what_error"], plain["what_error"])
+        width, least = (one["what_error_high"] - one["what_error_low"] for one in (found, plain))
+        np.testing.assert_allclose(width, factor * least)
+
+
 def test_a_data_set_with_a_cell_to_come_is_left_out(result):
     result["what_error"][0, 1, 0] = np.nan
     found = over_data(result, ["what_error"])

@@ -96,6 +96,16 @@ def test_resamples_of_several_data_sets_are_refused(make_study, tmp_path):
     assert not (tmp_path / "s.zarr").exists()
 
 
+def test_sessions_of_a_recording_are_known_as_such(make_study, tmp_path):
+    """Only where several were left out in turn; differences keep it."""
+    sweep(make_study(), tmp_path / "one.zarr", in_this_process)
+    sweep(make_study(data='split = "leave-one-session-out"'), tmp_path / "two.zarr", in_this_process)
+    assert "recording" not in open_sweep(tmp_path / "one.zarr").coords
+    two = open_sweep(tmp_path / "two.zarr")
+    assert len(set(two["recording"].values.tolist())) == 1
+    assert "recording" in (two["taps"] - two["what_error"]).coords
+
+
 def test_a_sweep_counts_its_cells(make_study, tmp_path):
     tallies = []
 
