@@ -121,6 +121,7 @@ interval-studies: $(VENV)/.ready-run
 	@$(PY) -m benchmarks.studies.intervals.left_out --document docs/explanation/intervals.md
 	@$(PY) -m benchmarks.studies.intervals.places --document docs/explanation/intervals.md
 	@$(PY) -m benchmarks.studies.intervals.commands --document docs/explanation/intervals-commands.md
+	@$(PY) -m benchmarks.studies.intervals.shared_training --document docs/explanation/intervals-commands.md
 
 results: $(VENV)/.ready-run
 	@$(PY) -m benchmarks.studies.results.reproduce --document docs/reference/results.md $(if $(RECORDED),--recorded "$(RECORDED)")

@@ -285,8 +285,7 @@ def _run(
         played = list(crew(_play_fold, items, shared, progress(name, len(items))))
     units = zip(*played, strict=True) if together else played
     means, impossible = zip(*(zip(*of, strict=True) for of in units), strict=True)
-    joined = [np.concatenate(parts) for parts in means]
-    joined = [left_out_units(parts) for parts in joined] if source.left_out else joined
+    joined = [left_out_units(one) if source.left_out else one for one in map(np.concatenate, means)]
     return joined, np.mean([*zip(*impossible, strict=True)], axis=0).tolist()
 
 
