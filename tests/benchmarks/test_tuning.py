@@ -65,7 +65,7 @@ def test_both_choices_end_in_a_setting_and_in_words(parts):
     """The threshold is chosen for the chosen point, and progress counts all trials."""
     played = []
     found = tune_parts(parts, Setting.of(passive=True), Price(30.0), trials=100, progress=played.append)
-    assert sum(played) == tuning_trials(parts, 100) == 3 * 5 * 100
+    assert sum(played) == tuning_trials(parts, 100) == 3 * (1 + 2) * 5 * 100
     assert found.setting.play.fixation == found.fixation.chosen
     assert found.setting.play.threshold == found.threshold.value
     assert not found.setting.play.passive
