@@ -6,10 +6,13 @@ from solidtouch.analysis.stats.target_error import threshold_grid
 from solidtouch.analysis.tuning.page import threshold_table
 from solidtouch.analysis.tuning.run import Price, shown_threshold, tune_parts
 from solidtouch.inference.trials.resampling import share_beyond
-from solidtouch.inference.tuning.held_out import Estimate, held_out, with_unseen
+from solidtouch.inference.tuning.held_out import Estimate, held_out, with_repeats, with_unseen
 from solidtouch.models.measurement.histogram import fit
 from solidtouch.models.setting_file import Setting
 from solidtouch.models.settings import PlaySettings
+from solidtouch.models.taps import TapSet, concatenate
+
+import solidtouch as st
 
 THETA = (0.6, 0.7, 0.8, 0.9, 0.95)
 
@@ -104,3 +107,19 @@ def test_no_error_does_not_mean_that_there_are_none(parts):
 def test_both_curves_have_such_intervals(found):
     for error in (found.fixation.error, found.threshold.error):
         assert (error.high > 0).all()
+
+
+def test_a_report_has_intervals_of_sessions_that_also_train(make_taps):
+    """Those of `with_repeats`, not those of the same models."""
+    taps = [make_taps(sessions=1, seed=s) for s in range(4)]
+    taps = [TapSet(one.dataset.assign_coords(session=("tap", np.full(len(one), s)))) for s, one in enumerate(taps)]
+    report = st.tune(*taps, trials=50, thresholds=[0.5, 0.9])
+    known, fitted = concatenate(taps[:3]), report.training.settings.fitted
+    parts = held_out(known, report.training.grid, fitted)
+    repeated, same = (
+        tune_parts(one, Setting(), Price(), thresholds=(0.5, 0.9), trials=50).threshold.taps
+        for one in (with_repeats(parts, known, fitted), parts)
+    )
+    np.testing.assert_array_equal(report.found.threshold.taps.error, repeated.error)
+    np.testing.assert_array_equal(repeated.mean, same.mean)
+    assert (repeated.error > same.error).any()
