@@ -141,6 +141,17 @@ def test_one_data_set_has_intervals_of_resamples():
     assert 0.9 < summary["what_high"] < 1.0
 
 
+@pytest.mark.parametrize("factor", [1.0, 1.5])
+def test_several_data_sets_have_t_intervals_between_them(factor):
+    """As much wider as sessions that share their training need."""
+    shares = np.array([0.5, 0.55, 0.6])
+    rows = [Accuracy(1, 1, np.full((1, 3), share), np.array([4.0])) for share in shares]
+    summary = summarise(rows, Spread(factor, taps=1000))
+    half = factor * t.ppf(0.975, 2) * shares.std(ddof=1) / np.sqrt(3)
+
+    assert (summary["joint_low"], summary["joint_high"]) == pytest.approx((0.55 - half, 0.55 + half))
+
+
 def test_a_single_position_is_never_wrong():
     """Objects may be, so only their interval reaches below one where every tap is right."""
     pool = tap_pool(np.zeros(12, int), np.arange(12) % 3, (1, 3))
